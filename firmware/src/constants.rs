@@ -239,6 +239,8 @@ pub const CLOCK_DRIFT_MAX_US: u64 = 1 << 28;
 /// How long maps show no contact until a held object counts as lost, µs: six maps at 60 a second; a touch that flickers comes back
 /// sooner.
 pub const CONTACT_GONE_US: u64 = 100_000;
+/// How long a map tells of the present, µs: three maps at 60 a second.
+pub const MAP_PRESENT_US: u64 = 50_000;
 /// Time between two statuses without a map, ms.
 pub const STATUS_PERIOD_MS: u32 = 100;
 /// Bound from the last packet in the FIFO to the line written, core cycles: 25 µs at 168 MHz.

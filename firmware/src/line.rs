@@ -16,7 +16,7 @@ use crate::grip::GripForce;
 ///
 /// Every line has these properties, and one test suite (`tests/lines.rs`) checks them all. A higher force never gives a lower
 /// output. The output is never less than written, up to full scale. An unreachable line keeps its value, and takes the newest force
-/// when it is reachable again. A line that never got a force above zero moves nothing.
+/// when it is reachable again. A line that never got a force above zero moves nothing before a release.
 pub trait GripLine {
     /// What can go wrong while writing.
     type Error;
@@ -26,6 +26,9 @@ pub trait GripLine {
     /// # Errors
     /// The hardware's error; the line then keeps its last value.
     fn write(&mut self, force: GripForce) -> Result<(), Self::Error>;
+
+    /// A person lets go. It opens a gripper that held something before the line's first force; a plain voltage is open already.
+    fn release(&mut self) {}
 
     /// Whether writes arrive. A plain voltage gives no feedback.
     fn health(&self) -> LineHealth {

@@ -157,10 +157,10 @@ const FAULT_NEEDS_RESET: u8 = 0x0A;
 /// What the grip controller requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Requested {
-    /// Nothing was held since the start: leave the gripper alone.
+    /// Nothing was held since the start, and nobody let go: leave the gripper alone.
     Stay,
     Grip(GripForce),
-    /// The force fell to zero: let go.
+    /// The force fell to zero, or a person lets go.
     Open,
 }
 
@@ -371,6 +371,10 @@ impl Robotiq {
             self.is_fresh = true;
             self.follow(status);
             self.compare_echo(status);
+            if self.phase == Phase::Ready && self.command(status).is_none() {
+                // A write that was lost is no longer wanted.
+                self.sent_us = None;
+            }
             let is_gripping = matches!(self.requested, Requested::Grip(_));
             self.had_object =
                 is_gripping && (self.had_object || self.applied.is_some() && status.has_object());
@@ -456,6 +460,12 @@ impl GripLine for Robotiq {
             self.applied = None;
         }
         Ok(())
+    }
+
+    fn release(&mut self) {
+        if self.requested == Requested::Stay {
+            self.requested = Requested::Open;
+        }
     }
 
     fn health(&self) -> LineHealth {

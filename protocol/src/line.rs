@@ -32,11 +32,13 @@ pub const LINE_POINTS: usize = 5;
 pub const LIVE_ZERO_MIN: u16 = 205;
 /// Minimum and maximum grip force of a Robotiq 2F-140, newtons (its manual, section 6, specifications).
 pub const ROBOTIQ_FORCE_N: [i32; 2] = [10, 125];
+/// How many numbers the line's settings are: its kind, then what [`LineSettings::FIELDS`] names.
+pub const LINE_VALUES: usize = 1 + LineSettings::FIELDS.len();
 /// Largest code of a 12-bit DAC.
 pub const DAC_CODE_MAX: u16 = 4_095;
 
-/// The line's settings. They take effect at the microcontroller's start only: with an object in the gripper, the same force
-/// must not become another voltage.
+/// The line's settings. They take effect at the microcontroller's start only, and only when nothing is held then: with an object in
+/// the gripper, the same force must not become another voltage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LineSettings {
@@ -74,6 +76,36 @@ impl LineSettings {
             points: [point(0), point(1), point(2), point(3), point(4)],
         }
     };
+
+    /// The settings as a list of numbers.
+    #[must_use]
+    pub fn values(&self) -> [i32; LINE_VALUES] {
+        let mut values = [0; LINE_VALUES];
+        let [kind, table @ ..] = &mut values;
+        *kind = self.kind as i32;
+        for (pair, point) in table.chunks_exact_mut(2).zip(&self.points) {
+            pair[0] = point.force;
+            pair[1] = point.code.into();
+        }
+        values
+    }
+
+    /// The settings that a list of numbers stands for. One that does not fit its place is cut off: compare [`Self::values`].
+    #[must_use]
+    pub fn from_values(values: &[i32; LINE_VALUES]) -> Self {
+        let [kind, table @ ..] = values;
+        let mut line = Self::DEFAULT;
+        if *kind == LineKind::Robotiq2f140 as i32 {
+            line.kind = LineKind::Robotiq2f140;
+        }
+        for (point, pair) in line.points.iter_mut().zip(table.chunks_exact(2)) {
+            *point = LinePoint {
+                force: pair[0],
+                code: pair[1] as u16,
+            };
+        }
+        line
+    }
 
     /// Minimum and maximum force of the line, 1/4096 N. Below the minimum there is only 0.
     #[must_use]

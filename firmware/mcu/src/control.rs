@@ -226,6 +226,9 @@ impl Control {
     #[inline(never)]
     pub(crate) fn watch_object(&mut self) {
         self.program.note_line(BusLine.health());
+        if self.program.take_release() {
+            BusLine.release();
+        }
         self.program.watch_object();
     }
 

@@ -1,12 +1,12 @@
 //! The gripper on the bus: USART2 on PA2 (out) and PA3 (in), 115,200 baud, 8N1, an RS-485 transceiver whose driver is
 //! enabled by PA1 for as long as a request takes.
 //!
-//! The task [`talk`] moves the bytes of the library's [`Robotiq`]. `control` exchanges one word each way with it, force and
+//! The task [`talk`] moves the bytes of the library's [`Robotiq`]. `control` exchanges words with it, force and release for
 //! health: the path from map to line has one store more and waits for nothing.
 //! Limits: the newest force goes out every 5 ms, as often as the gripper listens.
 
 use core::convert::Infallible;
-use core::sync::atomic::{AtomicI32, AtomicU8, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU8, Ordering};
 
 use embassy_futures::select::{Either, select};
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
@@ -24,6 +24,8 @@ use static_cell::StaticCell;
 
 /// The force that `control` requests, 1/4096 N.
 static REQUESTED: AtomicI32 = AtomicI32::new(0);
+/// A person let go since the task last looked.
+static IS_RELEASED: AtomicBool = AtomicBool::new(false);
 /// The gripper's health, as a number of [`LineHealth`]; good while there is no gripper on the bus.
 static HEALTH: AtomicU8 = AtomicU8::new(LineHealth::Good as u8);
 
@@ -37,6 +39,10 @@ impl GripLine for BusLine {
     fn write(&mut self, force: GripForce) -> Result<(), Infallible> {
         REQUESTED.store(force.lsb(), Ordering::Relaxed);
         Ok(())
+    }
+
+    fn release(&mut self) {
+        IS_RELEASED.store(true, Ordering::Relaxed);
     }
 
     fn health(&self) -> LineHealth {
@@ -99,6 +105,9 @@ pub(crate) async fn talk(mut bus: Bus) {
     let mut line = Robotiq::new(now_us());
     let mut logged = line.health();
     loop {
+        if IS_RELEASED.swap(false, Ordering::Relaxed) {
+            line.release();
+        }
         let Ok(()) = line.write(GripForce::from_lsb(REQUESTED.load(Ordering::Relaxed)));
         if let Some(request) = line.poll_transmit(now_us()) {
             let sending = with_timeout(Duration::from_micros(MODBUS_SEND_US), bus.output.send(&request));

@@ -78,14 +78,26 @@ fn main() -> ! {
     // The line's calibration is among the settings: two short records, a quarter of a millisecond.
     let flash = SettingsSectors::new();
     let stored = storage::load(&flash);
-    let settings = stored.settings.unwrap_or_default();
+    let fail_safe = stored.settings.unwrap_or_default().fail_safe;
     // Never nothing after a brown-out: when it damaged what was kept, the fail-safe force.
-    let fail_safe = (reset.cause == ResetCause::BrownOut).then_some(GripForce::from_lsb(settings.fail_safe));
+    let fail_safe = (reset.cause == ResetCause::BrownOut).then_some(GripForce::from_lsb(fail_safe));
     let restored = reset.line.or(fail_safe);
+    let start = Start {
+        now_us: 0,
+        reset: reset.cause,
+        restored_line: restored,
+        line_before: reset.line_settings,
+        stored,
+        board: board::BOARD,
+        revision: board::REVISION,
+        session: reset.session,
+    };
+    let line_settings = *start.line();
     let line = line::start(
         restored.unwrap_or(GripForce::ZERO),
-        LineCalibration::of(&settings.line),
+        LineCalibration::of(&line_settings),
     );
+    reset::keep_line_settings(&line_settings);
     // The watchdog next: it must run when the crystal does not start.
     let watchdog = Watchdog::start();
 
@@ -96,7 +108,7 @@ fn main() -> ! {
     supply::watch();
     let watch = Watch {
         // A gripper on the bus needs no analog line, and its read-back may be unwired.
-        read_back: (settings.line.kind == LineKind::Analog).then(|| ReadBack::start(p.PA6)),
+        read_back: (line_settings.kind == LineKind::Analog).then(|| ReadBack::start(p.PA6)),
         robot: Robot::new(p.PB1, p.PB0),
     };
     control::start_cycle_counter();
@@ -104,21 +116,16 @@ fn main() -> ! {
     // SAFETY: its handler (`usb_interrupt`) does nothing before the first event.
     unsafe { interrupt::UART4.enable() };
     let (usb_device, usb_in, usb_out) = usb::open(p.USB_OTG_FS, p.PA12, p.PA11);
-    let gripper = (settings.line.kind == LineKind::Robotiq2f140)
+    let gripper = (line_settings.kind == LineKind::Robotiq2f140)
         .then(|| gripper_bus::open(p.USART2, p.PA3, p.PA2, p.PA1));
     let program = PROGRAM.init(Program::with_kernel(Start {
         now_us: Instant::now().as_micros(),
-        reset: reset.cause,
-        restored_line: restored,
-        stored,
-        board: board::BOARD,
-        revision: board::REVISION,
-        session: reset.session,
+        ..start
     }));
 
     control::start(program, line);
     let tick_spawner = TICK_EXECUTOR.start(interrupt::UART5);
-    tick_spawner.spawn(control_task::control(settings.line, flash, watch, usb_in).expect("one control task"));
+    tick_spawner.spawn(control_task::control(line_settings, flash, watch, usb_in).expect("one control task"));
     // Writing the log masks interrupts for some microseconds: only at task level, never on the path from map to line.
     defmt::info!(
         "{=str} started: {}, line restored: {}",

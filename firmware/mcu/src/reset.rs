@@ -1,7 +1,7 @@
-//! What survives a reset: its cause, the grip-force line, the number of the session, and the addresses of a panic.
+//! What survives a reset: its cause, the grip-force line and its settings, the number of the session, and the addresses of a panic.
 //!
 //! RAM that start-up does not clear holds the line twice, each copy with a check word: a reset between the two writes leaves
-//! one good copy. Units: force in 1/4096 N. Limits: once the power was away for so long that the memory is lost, a start is
+//! one good copy. The line's settings are there once, written at the start. Units: force in 1/4096 N. Limits: once the power was away for so long that the memory is lost, a start is
 //! one with nothing in the gripper.
 
 use core::cell::UnsafeCell;
@@ -9,6 +9,7 @@ use core::mem::MaybeUninit;
 
 use embassy_stm32::pac::RCC;
 use gripline_firmware::{GripForce, ResetCause};
+use gripline_protocol::line::{LINE_VALUES, LineSettings};
 use gripline_protocol::rounds::at_most;
 
 /// What is known of the time before this start.
@@ -18,6 +19,8 @@ pub(crate) struct Reset {
     pub cause: ResetCause,
     /// The line's last force; none when both copies are damaged, as after power-on.
     pub line: Option<GripForce>,
+    /// The line's settings then in force; none when damaged, as after power-on.
+    pub line_settings: Option<LineSettings>,
     /// Differs from start to start.
     pub session: u32,
     /// Where the program panicked, if that was the cause: the place and its caller.
@@ -55,6 +58,7 @@ pub(crate) fn read() -> Reset {
     Reset {
         cause,
         line,
+        line_settings: kept_line_settings(),
         session: next_session(),
         panic,
     }
@@ -91,11 +95,11 @@ fn take_panic() -> Option<[u32; PANIC_ADDRESSES]> {
     (found == check_all(addresses)).then_some(addresses)
 }
 
-/// The check word of these addresses; not 0 for zeros.
-fn check_all(addresses: [u32; PANIC_ADDRESSES]) -> u32 {
-    addresses
+/// The check word of these words; not 0 for zeros.
+fn check_all<const WORDS: usize>(words: [u32; WORDS]) -> u32 {
+    words
         .into_iter()
-        .fold(MARK, |all, address| all.rotate_left(5) ^ address)
+        .fold(MARK, |all, word| all.rotate_left(5) ^ word)
 }
 
 /// A force and its check word.
@@ -137,6 +141,32 @@ fn kept_line() -> Option<GripForce> {
 /// The check word of a force.
 fn check(force: u32) -> u32 {
     !force.rotate_left(7) ^ MARK
+}
+
+struct KeptSettings(UnsafeCell<MaybeUninit<[u32; LINE_VALUES + 1]>>);
+
+// SAFETY: used at start-up only, before any interrupt or task.
+unsafe impl Sync for KeptSettings {}
+
+#[unsafe(link_section = ".uninit.gripline_line_settings")]
+static KEPT_SETTINGS: KeptSettings = KeptSettings(UnsafeCell::new(MaybeUninit::uninit()));
+
+/// Keeps the line's settings that are in force. Call it at start-up, once the line is driven.
+pub(crate) fn keep_line_settings(settings: &LineSettings) {
+    let values = settings.values().map(i32::cast_unsigned);
+    let words = KEPT_SETTINGS.0.get().cast::<u32>();
+    for (place, word) in values.into_iter().chain([check_all(values)]).enumerate() {
+        // SAFETY: in bounds; nobody else holds a reference into `KEPT_SETTINGS`.
+        unsafe { words.add(place).write_volatile(word) };
+    }
+}
+
+/// The line's settings, if their check word is right.
+fn kept_line_settings() -> Option<LineSettings> {
+    let words = KEPT_SETTINGS.0.get().cast::<[u32; LINE_VALUES + 1]>();
+    // SAFETY: any bit pattern is a valid `u32`, and volatile reads take RAM as it is; nobody else holds a reference.
+    let [values @ .., found] = unsafe { words.read_volatile() };
+    (found == check_all(values)).then(|| LineSettings::from_values(&values.map(u32::cast_signed)))
 }
 
 /// Words of RAM that are partly random at power-on; the first one then counts the starts.

@@ -3,13 +3,11 @@
 use gripline_protocol::SENSORS;
 use gripline_protocol::message::{Command, GripMode, Hello, Message, Refusal, Report, SlipState};
 use gripline_protocol::rounds::at_most;
-use gripline_protocol::sequence::SequenceTracker;
 
 use super::dispatch::Program;
 use super::messages::{MessageEvent, Request};
 use super::object::Object;
 use super::outbox::Due;
-use crate::clock_sync::ClockSync;
 use crate::fault::{Fault, FaultSet};
 use crate::grip::loosens;
 use crate::link::LinkId;
@@ -78,13 +76,7 @@ impl<K: Kernel> Program<K> {
         let restarted = self.host_session != Some(hello.session);
         self.host_session = known.then_some(hello.session);
         if known && restarted {
-            // A host that restarts counts its maps, and its time, from anywhere.
-            for tip in at_most::<SENSORS, _>(&mut self.fingertips) {
-                tip.sequence = SequenceTracker::new();
-                tip.clock = ClockSync::new();
-            }
-            self.safety.set(Fault::FutureMap, false);
-            self.safety.set(Fault::ReplayedMap, false);
+            self.expect_another_host();
         }
     }
 
@@ -124,6 +116,7 @@ impl<K: Kernel> Program<K> {
             Command::Release => {
                 self.controller.set_mode(GripMode::Released);
                 self.object = Object::default();
+                self.release = true;
             }
             Command::Acknowledge { faults } => self.safety.acknowledge(FaultSet::from_bits(*faults)),
             Command::ReadStatus => self.send_status(),

@@ -114,6 +114,8 @@ pub struct Program<K = Portable> {
     pub(super) is_release_inhibited: bool,
     /// `Store` was requested and is not done yet.
     pub(super) store: bool,
+    /// A `Release` was accepted and the line was not told yet.
+    pub(super) release: bool,
     pub(super) bootloader: BootloaderRequest,
     /// The session of the host that shook hands and speaks our schema.
     pub(super) host_session: Option<u32>,
@@ -166,6 +168,7 @@ impl<K: Kernel> Program<K> {
             object: Object::default(),
             is_release_inhibited: false,
             store: false,
+            release: false,
             bootloader: BootloaderRequest::default(),
             host_session: None,
             now_us: start.now_us,
@@ -243,11 +246,8 @@ impl<K: Kernel> Program<K> {
     /// [`Self::map_packet`] of a [`Kind::MapHead`].
     #[inline]
     pub fn map_head(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
-        let now_us = self.passed_to(now_us);
-        if self.map_source.takes(link, now_us, self.settings.stale_ms) {
+        if self.may_begin(link, now_us) {
             self.head(packet, link);
-        } else {
-            self.maps_refused = self.maps_refused.wrapping_add(1);
         }
         self.unchanged()
     }
@@ -255,13 +255,37 @@ impl<K: Kernel> Program<K> {
     /// As [`Self::map_head`], for a link that delivers byte by byte: call [`Self::list_places`] with each of the next bytes.
     #[inline]
     pub fn map_begins(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
-        let now_us = self.passed_to(now_us);
-        if self.map_source.takes(link, now_us, self.settings.stale_ms) {
+        if self.may_begin(link, now_us) {
             self.begin(packet, link);
+        }
+        self.unchanged()
+    }
+
+    /// Whether a map of this link may begin.
+    #[inline]
+    fn may_begin(&mut self, link: LinkId, now_us: u64) -> bool {
+        let now_us = self.passed_to(now_us);
+        if self.map_source.is(link) {
+            return true;
+        }
+        let takes_over = self.map_source.take_over(link, now_us, self.settings.stale_ms);
+        if takes_over {
+            self.expect_another_host();
         } else {
             self.maps_refused = self.maps_refused.wrapping_add(1);
         }
-        self.unchanged()
+        takes_over
+    }
+
+    /// Another host, or one that restarted, counts its maps, and its time, from anywhere.
+    #[cold]
+    pub(super) fn expect_another_host(&mut self) {
+        for tip in at_most::<SENSORS, _>(&mut self.fingertips) {
+            tip.sequence = SequenceTracker::new();
+            tip.clock = ClockSync::new();
+        }
+        self.safety.set(Fault::FutureMap, false);
+        self.safety.set(Fault::ReplayedMap, false);
     }
 
     /// Whether the maps of this link count.
@@ -430,6 +454,11 @@ impl<K: Kernel> Program<K> {
             witness,
             &self.settings,
         );
+    }
+
+    /// Whether a *release* was accepted since the last call: then call [`GripLine::release`](crate::line::GripLine::release).
+    pub fn take_release(&mut self) -> bool {
+        core::mem::take(&mut self.release)
     }
 
     /// Takes the health of the line. The fault does not latch: a gripper that lost its activation needs a `Release`, which
@@ -624,6 +653,12 @@ impl<K: Kernel> Program<K> {
             Some(one).filter(is_recent),
             Some(other).filter(|tip| self.settings.sensors > 1 && is_recent(tip)),
         )
+    }
+
+    /// Whether every fingertip in use brought a good map within the last `age_us`.
+    pub(super) fn has_maps_within(&self, age_us: u64) -> bool {
+        let (first, second) = self.recent(age_us);
+        first.is_some() && (second.is_some() || self.settings.sensors < 2)
     }
 
     /// The confidence of all fingertips' witnesses together, and of each by itself.

@@ -28,13 +28,10 @@ impl MapSource {
         self.link as u8 == link as u8
     }
 
-    /// Whether a map of this link may begin. The other link may when no map of this one was completed for `stale_ms`; it then has
-    /// the same time for its first map. Incomplete maps do not keep a link.
+    /// A map of the other link begins. It takes over when no map of this link was completed for `stale_ms`, and then has the same
+    /// time for its first map. Incomplete maps do not keep a link.
     #[inline]
-    pub(super) fn takes(&mut self, link: LinkId, now_us: u64, stale_ms: u16) -> bool {
-        if self.is(link) {
-            return true;
-        }
+    pub(super) fn take_over(&mut self, link: LinkId, now_us: u64, stale_ms: u16) -> bool {
         if now_us < self.until_us {
             return false;
         }

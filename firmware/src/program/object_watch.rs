@@ -4,7 +4,7 @@
 use gripline_protocol::message::{GripMode, SlipState};
 
 use super::dispatch::Program;
-use crate::constants::CONTACT_GONE_US;
+use crate::constants::{CONTACT_GONE_US, MAP_PRESENT_US};
 use crate::fault::Fault;
 use crate::sums::Kernel;
 
@@ -20,14 +20,16 @@ impl<K: Kernel> Program<K> {
 
     fn is_object_lost(&mut self) -> bool {
         let is_felt = self.state() != SlipState::NoContact;
+        let is_seen = self.has_maps_within(MAP_PRESENT_US) && self.safety.active().bits() & DOUBTFUL == 0;
         let object = &mut self.object;
         if is_felt {
             object.was_felt = true;
             object.gone_us = None;
-        } else if object.was_felt && self.safety.active().bits() & DOUBTFUL == 0 {
-            object.gone_us.get_or_insert(self.now_us);
+            object.is_gone = false;
+        } else if object.was_felt && is_seen {
+            let since_us = *object.gone_us.get_or_insert(self.now_us);
+            object.is_gone |= self.now_us.saturating_sub(since_us) >= CONTACT_GONE_US;
         }
-        let is_gone = |since_us: u64| self.now_us.saturating_sub(since_us) >= CONTACT_GONE_US;
-        object.gone_us.is_some_and(is_gone) || object.is_lost_by_gripper
+        object.is_gone || object.is_lost_by_gripper
     }
 }

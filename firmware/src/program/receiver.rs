@@ -22,7 +22,7 @@ pub(super) enum Breakage {
 enum Broken {
     #[default]
     None,
-    /// A frame without a readable header: it may belong to the next broken map.
+    /// A frame without a readable header, when no map was under way: the first packet of the next map, perhaps.
     Unknown,
     /// Sensor and the lowest byte of the sequence number.
     Map(u8, u8),
@@ -118,21 +118,33 @@ impl Receiver {
     /// Takes a packet without a readable header.
     pub(super) fn unknown(&mut self, packet: &[u8]) -> Breakage {
         self.maps.unknown(packet);
-        self.broken = Broken::Unknown;
-        Breakage::Packet
+        self.unreadable()
     }
 
     /// Counts a frame or a fragment that was refused before it came here.
     pub(super) fn refuse(&mut self) -> Breakage {
         self.maps.refuse();
-        self.broken = Broken::Unknown;
+        self.unreadable()
+    }
+
+    /// What a refused packet without a readable header means: the end of the map that was under way, if one was.
+    fn unreadable(&mut self) -> Breakage {
+        if let Some((sensor, sequence)) = self.maps.ended() {
+            self.broken = Broken::Map(sensor, sequence);
+            return Breakage::Map;
+        }
+        if self.broken == Broken::None {
+            self.broken = Broken::Unknown;
+        }
         Breakage::Packet
     }
 
     /// Drops the map in progress without counting it as broken.
     pub(super) fn drop_map(&mut self) {
         self.maps.drop_map();
-        self.broken = Broken::Unknown;
+        if let Some((sensor, sequence)) = self.maps.ended() {
+            self.broken = Broken::Map(sensor, sequence);
+        }
     }
 
     /// Maps that did not arrive completely; wraps.
@@ -145,17 +157,16 @@ impl Receiver {
         self.maps.refused()
     }
 
-    /// What a refused packet of a map means. One lost packet makes all later ones of its map wrong: they count once.
+    /// What a refused packet of a map means. One lost packet makes all later ones of its map wrong: they count once, beside the frame in
+    /// the place of its first packet, if that could not be read.
     #[cold]
     fn breakage(&mut self, packet: &[u8]) -> Breakage {
         let Ok((header, _)) = Header::split(packet) else {
-            self.broken = Broken::Unknown;
-            return Breakage::Packet;
+            return self.unreadable();
         };
         let map = Broken::Map(header.owner, header.sequence);
         let was = core::mem::replace(&mut self.broken, map);
-        let continues = header.kind != Kind::MapHead && (was == map || was == Broken::Unknown);
-        if continues {
+        if header.kind != Kind::MapHead && was == map {
             Breakage::Counted
         } else {
             Breakage::Map

@@ -42,6 +42,8 @@ pub struct Start {
     pub reset: ResetCause,
     /// The line's value before a reset, from memory that survives it.
     pub restored_line: Option<GripForce>,
+    /// The line's settings before a reset, from memory that survives it.
+    pub line_before: Option<LineSettings>,
     /// The settings from flash.
     pub stored: Stored,
     /// Number of the board, for the handshake: its place in `BOARDS`.
@@ -53,12 +55,14 @@ pub struct Start {
 }
 
 impl Start {
-    /// The line's settings in force: they are read at the start and never change while the program runs.
+    /// The line's settings in force: they never change while the program runs. While a force is restored, they are those before the
+    /// reset, whatever was stored since: the same force must not become another voltage.
     #[must_use]
     pub const fn line(&self) -> &LineSettings {
-        match &self.stored.settings {
-            Some(settings) => &settings.line,
-            None => &LineSettings::DEFAULT,
+        match (&self.restored_line, &self.line_before, &self.stored.settings) {
+            (Some(force), Some(line), _) if force.lsb() > 0 => line,
+            (_, _, Some(settings)) => &settings.line,
+            _ => &LineSettings::DEFAULT,
         }
     }
 }

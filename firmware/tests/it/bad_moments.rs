@@ -1,7 +1,9 @@
 //! Bad moments in the middle of a good hold: the picture after the black one, the map after the lost packet, the same command again.
 
 use gripline_firmware::{Fault, LinkId};
-use gripline_protocol::message::{Command, Configuration, GripMode, Hello, Message, SlipState};
+use gripline_protocol::message::{
+    Command, Configuration, GripMode, Hello, Message, MessagePackets, SlipState,
+};
 use gripline_protocol::{ForceMap, Health, MapInfo, SensorId, encode_map};
 
 use crate::bench::Bench;
@@ -213,6 +215,146 @@ fn maps_of_one_link_count_at_a_time_and_the_other_link_takes_over_when_they_are_
     }
     assert_eq!(over(&mut bench, LinkId::Usb, 1.6), 1);
     assert_eq!(over(&mut bench, LinkId::Uart, 1.6), 0);
+}
+
+/// A map of this shear over a link, as a host counts and dates it. Returns whether it counted.
+fn map_over(bench: &mut Bench, link: LinkId, shear_n: f64, sequence: u32, capture_us: u32) -> bool {
+    let info = MapInfo {
+        sequence,
+        capture_us,
+        ..MapInfo::default()
+    };
+    let mut decided = false;
+    encode_map(&info, &held(shear_n), |packet| {
+        decided |= bench.device.packet_from(link, packet, bench.now_us).decided;
+    });
+    decided
+}
+
+#[test]
+fn the_host_of_the_other_link_takes_over_with_its_own_numbers_and_clock() {
+    let doubts = Fault::StaleMaps.bit() | Fault::ReplayedMap.bit() | Fault::FutureMap.bit();
+    // Its numbers are behind and its clock is younger, then both ahead, by more than a map may be late or early.
+    for (sequence, ahead_us) in [(0, -5_000_000_i64), (2_000_000, -5_000_000), (0, 5_000_000)] {
+        let mut bench = quiet_hold(&Configuration::DEFAULT);
+        for packet in MessagePackets::new(&Message::Hello(Hello::of_this_build(0, 2)), 1).unwrap() {
+            let _ = bench.device.packet_from(LinkId::Uart, &packet, bench.now_us);
+        }
+        for map in 0..10 {
+            let now_us = bench.now_us as u32;
+            assert!(map_over(&mut bench, LinkId::Usb, 1.6, 1_000 + map, now_us));
+            bench.wait_ms(16);
+        }
+        let line = bench.line();
+        bench.wait_ms(150);
+        for map in 0..60 {
+            let capture_us = (bench.now_us as i64 + ahead_us) as u32;
+            assert!(
+                map_over(&mut bench, LinkId::Uart, 3.6, sequence + map, capture_us),
+                "map {map} from number {sequence} with a clock {ahead_us} us ahead"
+            );
+            bench.wait_ms(16);
+            assert_eq!(bench.faults() & doubts, 0, "after map {map}");
+        }
+        assert!(bench.line() > line + line / 4, "{line} became {}", bench.line());
+    }
+}
+
+#[test]
+fn one_spoilt_frame_in_every_map_is_a_storm_and_one_in_every_fourth_is_none() {
+    let mut dense = held(1.6);
+    for taxel in &mut dense.taxels {
+        taxel.z = taxel.z.max(1);
+    }
+    for spoilt in [0, 1, 20, 39] {
+        for every in [1, 4] {
+            let mut bench = quiet_hold(&Configuration::DEFAULT);
+            for map in 0..24 {
+                let packets = bench.packets(&dense);
+                assert!(packets.len() > 39);
+                for (place, packet) in packets.iter().enumerate() {
+                    if map % every == 0 && place == spoilt {
+                        bench.device.malformed_frame(LinkId::Usb);
+                    } else {
+                        let _ = bench.device.packet(packet, bench.now_us);
+                    }
+                }
+                bench.wait_ms(16);
+            }
+            let storm = bench.device.program.status().latched & Fault::CrcStorm.bit();
+            assert_eq!(storm != 0, every == 1, "frame {spoilt} of every {every}th map");
+        }
+    }
+}
+
+#[test]
+fn many_spoilt_frames_of_one_map_are_one_broken_map_and_settings_in_mid_map_break_none() {
+    let mut bench = quiet_hold(&Configuration::DEFAULT);
+    let packets = bench.packets(&held(1.6));
+    assert!(packets.len() > 6);
+    for (place, packet) in packets.iter().enumerate() {
+        if [2, 4].contains(&place) {
+            bench.device.malformed_frame(LinkId::Usb);
+        } else {
+            let _ = bench.device.packet(packet, bench.now_us);
+        }
+    }
+    // One broken map and a frame: another broken map is no storm yet.
+    for packet in &bench.packets(&held(1.6))[1..] {
+        let _ = bench.device.packet(packet, bench.now_us);
+    }
+    assert_eq!(bench.faults() & Fault::CrcStorm.bit(), 0);
+    let mut bench = quiet_hold(&Configuration::DEFAULT);
+    for _ in 0..20 {
+        let packets = bench.packets(&held(1.6));
+        let (first, rest) = packets.split_at(3);
+        for packet in first {
+            let _ = bench.device.packet(packet, bench.now_us);
+        }
+        bench.command(Command::Configure(Configuration::DEFAULT));
+        for packet in rest {
+            let _ = bench.device.packet(packet, bench.now_us);
+        }
+        bench.wait_ms(1);
+    }
+    assert_eq!(bench.device.program.status().latched, 0);
+}
+
+#[test]
+fn only_good_maps_tell_that_the_object_is_lost() {
+    let settings = Configuration {
+        stale_ms: 400,
+        ..Configuration::DEFAULT
+    };
+    let lost = Fault::ObjectLost.bit();
+    // One empty map, then silence.
+    let mut bench = quiet_hold(&settings);
+    bench.map(&ForceMap::EMPTY);
+    for ms in 0..300 {
+        bench.wait_ms(1);
+        assert_eq!(bench.faults() & lost, 0, "{ms} ms after one empty map");
+    }
+    // One empty map, then doubtful ones.
+    let mut bench = quiet_hold(&settings);
+    bench.map(&ForceMap::EMPTY);
+    bench.wait_ms(1);
+    for map in 0..20 {
+        bench.odd_map(SensorId::FIRST, &ForceMap::EMPTY, Health::TOO_DARK, 0);
+        bench.wait_ms(16);
+        assert_eq!(bench.faults() & lost, 0, "after {map} doubtful maps");
+    }
+    // Good ones tell it after 100 ms, and silence does not take it back.
+    let mut bench = quiet_hold(&settings);
+    for map in 0..7 {
+        bench.map(&ForceMap::EMPTY);
+        bench.wait_ms(16);
+        assert_eq!(bench.faults() & lost != 0, map == 6, "after {map} empty maps");
+    }
+    bench.wait_ms(1_000);
+    assert_ne!(bench.faults() & lost, 0);
+    bench.map(&held(1.6));
+    bench.wait_ms(1);
+    assert_eq!(bench.faults() & lost, 0);
 }
 
 #[test]

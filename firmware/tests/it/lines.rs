@@ -478,6 +478,57 @@ fn a_microcontroller_that_restarts_takes_over_a_gripper_that_holds() {
 }
 
 #[test]
+fn a_release_opens_a_gripper_that_held_before_a_start_without_memory() {
+    let mut bus = Bus::ready();
+    bus.write(30 * NEWTON);
+    bus.pass(1_000_000);
+    bus.restart();
+    bus.write(0);
+    bus.pass(1_000_000);
+    assert!(
+        bus.gripper.grip() >= i64::from(30 * NEWTON),
+        "nothing opens by itself"
+    );
+    bus.line.release();
+    for _ in 0..2_000 {
+        bus.write(0);
+        bus.pass(1_000);
+    }
+    assert_eq!(bus.gripper.grip(), 0);
+    assert_eq!(
+        (bus.line.health(), bus.gripper.activations),
+        (LineHealth::Good, 1)
+    );
+    // What is gripped since then falls only with the line.
+    bus.write(20 * NEWTON);
+    bus.pass(1_000_000);
+    bus.line.release();
+    bus.pass(1_000_000);
+    assert!(bus.min_grip >= i64::from(20 * NEWTON));
+}
+
+#[test]
+fn a_lost_write_that_is_no_longer_wanted_is_no_failure() {
+    for first_us in (0..20_000).step_by(500) {
+        let mut bus = Bus::ready();
+        bus.write(20 * NEWTON);
+        bus.pass(1_000_000 + first_us);
+        bus.fault.cut = true;
+        bus.write(21 * NEWTON);
+        bus.pass(8_000);
+        bus.write(20 * NEWTON);
+        bus.fault.cut = false;
+        for ms in 0..1_000 {
+            bus.pass(1_000);
+            assert_eq!(bus.line.health(), LineHealth::Good, "{ms} ms, {first_us} us");
+        }
+        bus.write(30 * NEWTON);
+        bus.pass(500_000);
+        assert!(bus.gripper.grip() >= i64::from(30 * NEWTON));
+    }
+}
+
+#[test]
 fn a_gripper_that_lost_its_power_is_not_activated_while_something_is_held_and_is_after_release() {
     let mut bus = Bus::ready();
     bus.write(30 * NEWTON);

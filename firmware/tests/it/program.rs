@@ -8,8 +8,8 @@ use gripline_firmware::sums::{TaxelRule, sums_of};
 use gripline_firmware::{Fault, Friction, GripForce};
 use gripline_firmware::{ResetCause, Start};
 use gripline_protocol::message::{
-    Command, Configuration, GripMode, Hello, Message, MessagePackets, OutOfRange, Refusal, Report, SlipState,
-    Stage,
+    Command, Configuration, GripMode, Hello, LineSettings, Message, MessagePackets, OutOfRange, Refusal,
+    Report, SlipState, Stage,
 };
 use gripline_protocol::{
     ForceMap, Health, LSB_PER_NEWTON, MapInfo, SensorId, TAXELS, TaxelForce, encode_map,
@@ -889,6 +889,53 @@ fn settings_are_stored_only_with_an_open_gripper() {
     assert_eq!(bench.device.program.take_store(), None);
     bench.listen();
     assert_eq!(bench.reports.last(), Some(&Report::Refused(Refusal::Holding)));
+}
+
+#[test]
+fn a_release_is_told_to_the_line_once_also_when_nothing_is_held_and_never_when_it_is_refused() {
+    let mut bench = Bench::cold();
+    bench.message(Message::Hello(Hello::of_this_build(0, 1)));
+    assert!(!bench.device.program.take_release(), "a start is no release");
+    bench.command(Command::Release);
+    assert!(bench.device.program.take_release());
+    assert!(!bench.device.program.take_release(), "once");
+    bench.device.program.inhibit_release(true);
+    bench.command(Command::Release);
+    assert!(!bench.device.program.take_release(), "the robot forbids it");
+}
+
+#[test]
+fn another_line_table_that_was_stored_comes_into_force_only_at_a_start_with_nothing_held() {
+    let before = LineSettings::DEFAULT;
+    let mut after = before;
+    after.points[4].code = 4_000;
+    let stored = Stored {
+        settings: Some(Configuration {
+            line: after,
+            ..Configuration::DEFAULT
+        }),
+        ..Stored::default()
+    };
+    let start = |restored_line, line_before| Start {
+        restored_line,
+        line_before,
+        stored,
+        ..Start::default()
+    };
+    let (held, open) = (GripForce::from_lsb(1), GripForce::ZERO);
+    assert_eq!(*start(Some(held), Some(before)).line(), before);
+    assert_eq!(*start(Some(open), Some(before)).line(), after);
+    assert_eq!(*start(None, Some(before)).line(), after);
+    assert_eq!(*start(Some(held), None).line(), after);
+    assert_eq!(
+        Bench::starting(start(Some(held), Some(before)))
+            .device
+            .program
+            .settings()
+            .line,
+        after,
+        "the next start has them"
+    );
 }
 
 #[test]

@@ -7,11 +7,10 @@ use serde::ser::{Serialize, SerializeTuple, Serializer};
 
 use super::settings::{Configuration, FingertipGeometry};
 use crate::constants::SENSORS;
-use crate::line::{LineKind, LinePoint, LineSettings};
+use crate::line::LineSettings;
 
 pub(super) const CONTROL_VALUES: usize = 21;
-/// The kind of line, then what [`LineSettings::FIELDS`] names.
-pub(super) const LINE_VALUES: usize = 1 + LineSettings::FIELDS.len();
+pub(super) use crate::line::LINE_VALUES;
 pub(super) const FINGERTIP_VALUES: usize = 4;
 /// How many numbers the settings are.
 pub const CONFIGURATION_VALUES: usize = CONTROL_VALUES + LINE_VALUES + FINGERTIP_VALUES * SENSORS;
@@ -50,11 +49,7 @@ impl Configuration {
             self.link_lost_ms.into(),
         ]);
         let (line, fingertips) = rest.split_at_mut(LINE_VALUES);
-        line[0] = self.line.kind as i32;
-        for (pair, point) in line[1..].chunks_exact_mut(2).zip(&self.line.points) {
-            pair[0] = point.force;
-            pair[1] = point.code.into();
-        }
+        line.copy_from_slice(&self.line.values());
         for (part, tip) in fingertips
             .chunks_exact_mut(FINGERTIP_VALUES)
             .zip(&self.fingertips)
@@ -70,7 +65,7 @@ impl Configuration {
     #[inline(never)]
     pub fn from_values(values: &Values) -> Option<Self> {
         let (control, rest) = values.split_at(CONTROL_VALUES);
-        let (line, tips) = rest.split_at(LINE_VALUES);
+        let (line, tips) = rest.split_first_chunk()?;
         let mut settings = Self {
             sensors: control[0] as u8,
             friction: control[1] as u16,
@@ -93,17 +88,9 @@ impl Configuration {
             release_rate: control[18] as u16,
             stale_ms: control[19] as u16,
             link_lost_ms: control[20] as u16,
+            line: LineSettings::from_values(line),
             ..Self::DEFAULT
         };
-        if line[0] == LineKind::Robotiq2f140 as i32 {
-            settings.line.kind = LineKind::Robotiq2f140;
-        }
-        for (point, pair) in settings.line.points.iter_mut().zip(line[1..].chunks_exact(2)) {
-            *point = LinePoint {
-                force: pair[0],
-                code: pair[1] as u16,
-            };
-        }
         for (tip, part) in settings
             .fingertips
             .iter_mut()

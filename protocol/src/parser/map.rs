@@ -14,6 +14,8 @@ use crate::sensor_id::SensorId;
 #[derive(Debug)]
 pub struct MapParser {
     map: Option<MapInProgress>,
+    /// Sensor and the lowest byte of the sequence number of the map that the last refused packet ended.
+    ended: Option<(u8, u8)>,
     /// Places of the active taxels of the map in progress, ascending.
     places: [Place; TAXELS],
     refused: u32,
@@ -49,6 +51,7 @@ impl MapParser {
     pub const fn new() -> Self {
         Self {
             map: None,
+            ended: None,
             places: [Place::new(0, 0); TAXELS],
             refused: 0,
             abandoned: 0,
@@ -70,12 +73,21 @@ impl MapParser {
     /// Counts a packet that another receiver refused, and drops the map in progress.
     pub fn refuse(&mut self) {
         self.refused = self.refused.wrapping_add(1);
-        self.map = None;
+        self.drop_map();
     }
 
     /// Drops the map in progress: its remaining packets will be refused.
     pub fn drop_map(&mut self) {
+        let map = self.map.as_ref();
+        self.ended = map.map(|map| (map.info.sensor.number(), map.info.sequence as u8));
         self.map = None;
+    }
+
+    /// The map that [`Self::drop_map`] or the last refused packet ended, if one was in progress: its sensor and the lowest byte of its
+    /// sequence number.
+    #[must_use]
+    pub const fn ended(&self) -> Option<(u8, u8)> {
+        self.ended
     }
 
     /// The map in progress and the number of its taxels.

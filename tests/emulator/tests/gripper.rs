@@ -67,6 +67,8 @@ fn stored(settings: &Configuration) -> Vec<u8> {
 struct Bench {
     board: Board,
     gripper: Gripper,
+    /// How long the gripper ran before the board started.
+    gripper_ahead_us: u64,
     cut: bool,
     heard: usize,
     frame: Vec<u8>,
@@ -82,9 +84,15 @@ struct Bench {
 
 impl Bench {
     fn boot(settings: &Configuration) -> Self {
+        Self::boot_beside(Gripper::new(), 0, settings)
+    }
+
+    /// Beside a gripper that has run for so long.
+    fn boot_beside(gripper: Gripper, gripper_ahead_us: u64, settings: &Configuration) -> Self {
         let mut bench = Self {
             board: Board::boot_with_settings(&image(), &stored(settings)).expect("the image boots"),
-            gripper: Gripper::new(),
+            gripper,
+            gripper_ahead_us,
             cut: false,
             heard: 0,
             frame: Vec::new(),
@@ -138,7 +146,7 @@ impl Bench {
     /// The gripper's end of the bus.
     fn bus(&mut self) {
         let now_ns = self.board.now_ns();
-        self.gripper.advance(now_ns / 1_000);
+        self.gripper.advance(self.gripper_ahead_us + now_ns / 1_000);
         let bytes = self.board.bus_bytes();
         for byte in &bytes[self.heard..] {
             if self.frame.is_empty() {
@@ -315,6 +323,20 @@ fn an_object_that_the_gripper_holds_no_more_is_reported_until_it_is_released() {
     // Closing on nothing from the beginning loses no object.
     bench.command(Command::Hold);
     assert_eq!(bench.pass(2_000).faults & lost, 0);
+}
+
+#[test]
+#[ignore = "needs a firmware image"]
+fn a_release_opens_a_gripper_that_held_before_the_board_had_power() {
+    let before = holding();
+    let ran_us = before.board.now_ns() / 1_000;
+    let mut bench = Bench::boot_beside(before.gripper, ran_us, &shipped());
+    bench.send(&Message::Hello(Hello::of_this_build(0, 8)));
+    assert_eq!(bench.pass(500).line, 0);
+    assert!(bench.gripper.grip() > 0, "nothing opens by itself");
+    bench.command(Command::Release);
+    bench.pass(2_000);
+    assert_eq!((bench.gripper.grip(), bench.gripper.activations), (0, 1));
 }
 
 #[test]

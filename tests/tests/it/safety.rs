@@ -448,6 +448,34 @@ fn settings_are_not_stored_while_something_may_be_in_the_gripper() {
     assert_eq!((status.line, board.link().resets()), (held.line, 0));
 }
 
+#[test]
+#[ignore = "needs the emulator and the image: cargo xtask test"]
+fn a_line_table_that_was_stored_does_not_come_into_force_while_the_line_holds() {
+    let mut board = Board::connected(Transport::Usb, None);
+    // The same forces at lower voltages.
+    let mut settings = Configuration::DEFAULT;
+    for point in &mut settings.line.points[1..] {
+        point.code -= 200;
+    }
+    board.session.configure(settings).unwrap();
+    board.session.store().unwrap();
+    board.session.command(Command::Hold).unwrap();
+    let held = board.maps(&map(0), 60);
+    board.assert_line(&held, held.line, "the table of the start is in force");
+    board
+        .link_mut()
+        .inject_fault(FaultInjection::Panic, PLACES_TO_FAIL[1].1);
+    board.maps(&map(0), 60);
+    assert_eq!(board.link().resets(), 1);
+    board.wait_for(1_500, "the device is back", |board| board.link().is_configured());
+    let back = board.maps(&map(0), 30);
+    assert_eq!(
+        (back.latched, back.mode),
+        (Fault::WatchdogReset.bit(), GripMode::Hold)
+    );
+    board.assert_line(&back, back.line, "after the reset");
+}
+
 /// Cut inside the erasure, and at every microsecond of the words behind it: the board is the same to the nanosecond, so a first run
 /// tells where those words come.
 #[test]
