@@ -137,8 +137,9 @@ pub struct GripController {
     kept_milli: i32,
     /// How long the contact has stuck above the relaxing level, µs.
     stuck_us: u64,
-    /// A witness that needs no learning says that the contact may slide.
-    may_slide: bool,
+    /// The newest maps allow that the line falls; so does what was learnt.
+    may_fall: bool,
+    may_relax: bool,
     last_us: u64,
 }
 
@@ -191,7 +192,8 @@ impl GripController {
             observed_us: now_us,
             kept_milli: 0,
             stuck_us: 0,
-            may_slide: false,
+            may_fall: false,
+            may_relax: false,
             last_us: now_us,
         }
     }
@@ -230,12 +232,19 @@ impl GripController {
         self.learnt.witness = Verdict::NONE;
     }
 
-    /// Whether a witness says that the contact may slide: then the line does not fall.
-    pub(crate) const fn forbid_fall(&mut self, may_slide: bool) {
-        self.may_slide = may_slide;
+    /// Whether the newest maps allow that the line falls: what no new map has seen may slide, what left the skin, and what a witness sees
+    /// that needs no learning, `may_slide`.
+    pub(crate) fn watch(&mut self, now_us: u64, may_slide: bool) {
+        let is_recent = now_us.saturating_sub(self.observed_us) <= FALL_US_MAX;
+        self.may_fall = is_recent && self.evidence.stick_ratio.is_some() && !may_slide;
         if may_slide {
             self.stuck_us = 0;
         }
+    }
+
+    /// Time passes in a controller that does not learn.
+    pub(crate) const fn learn_nothing(&mut self) {
+        self.may_relax = true;
     }
 
     /// What must be on the line.
@@ -255,6 +264,7 @@ impl GripController {
     pub const fn observe(&mut self, evidence: Evidence, now_us: u64) {
         self.evidence = evidence;
         self.observed_us = now_us;
+        self.may_fall &= evidence.stick_ratio.is_some();
     }
 
     /// Takes what the load on the contact says of the newest maps' state.
@@ -315,6 +325,7 @@ impl GripController {
             }
         }
         self.learnt.witness = witness;
+        self.may_relax = witness.may_fall;
         self.learnt.friction = load.friction;
         let wanted = if witness.tests() {
             // The maps lag behind the gripper, which a test moves: what was felt before still holds.
@@ -404,7 +415,7 @@ impl GripController {
         }
         demand = demand.max(self.kept_milli);
         let before_test = self.learnt.before_test * MILLI;
-        let goes_back = settings.learns() && self.learnt.goes_back && self.may_fall(guard);
+        let goes_back = settings.learns() && guard == Guard::Free && self.learnt.goes_back && self.may_fall;
         if demand > self.line_milli {
             let rise = (demand - self.line_milli).min(self.rise_milli);
             self.rise_milli -= rise;
@@ -424,14 +435,6 @@ impl GripController {
             self.line_milli = demand.max(self.line_milli - step.cast_signed());
         }
         self.line()
-    }
-
-    /// Whether nothing forbids that the line falls by plan. What no new map has seen may slide, and so may what left the skin.
-    fn may_fall(&self, guard: Guard) -> bool {
-        guard == Guard::Free
-            && !self.may_slide
-            && self.evidence.stick_ratio.is_some()
-            && self.last_us.saturating_sub(self.observed_us) <= FALL_US_MAX
     }
 
     /// Grows the reflex while the stick ratio is below its target, and shrinks it once the contact has stuck long enough.
@@ -466,8 +469,8 @@ impl GripController {
             0
         };
         let relaxing = settings.relax_rate > 0
-            && self.may_fall(guard)
-            && (!settings.learns() || self.learnt.witness.may_fall)
+            && self.may_fall
+            && self.may_relax
             && self.stuck_us > u64::from(settings.relax_after_ms) * 1_000;
         if relaxing && self.reflex_milli > 0 {
             // The rate is per second.
@@ -574,6 +577,7 @@ mod tests {
                 };
                 grip.observe(evidence, now_us);
                 grip.learn(now_us, Some((load, 4_000)), witness, settings);
+                grip.watch(now_us, false);
                 for _ in 0..20 {
                     now_us += 1_000;
                     grip.advance(now_us, guard, settings);
@@ -649,6 +653,7 @@ mod tests {
                 };
                 grip.observe(evidence, now_us);
                 grip.learn(now_us, Some((load, 4_000)), witness, &settings);
+                grip.watch(now_us, false);
                 for _ in 0..20 {
                     now_us += 1_000;
                     grip.advance(now_us, Guard::Free, &settings);

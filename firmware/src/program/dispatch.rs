@@ -386,7 +386,7 @@ impl<K: Kernel> Program<K> {
         self.action(false)
     }
 
-    /// First part of the 1 kHz tick: timeouts. In parts, so that a packet waits for one of them only.
+    /// First part of the 1 kHz tick: timeouts, and what forbids a fall. In parts, so that a packet waits for one of them only.
     pub fn age(&mut self, now_us: u64) {
         let now_us = self.passed_to(now_us);
         self.safety.tick();
@@ -401,6 +401,10 @@ impl<K: Kernel> Program<K> {
             Fault::LinkLost,
             holding && older(self.last_packet_us, self.settings.link_lost_ms),
         );
+        // The stick ratio is no reason: it is 0 in every firm grip on an object whose friction is well above the detector's.
+        let (_, witnesses) = self.slip_evidence();
+        let may_slide = witnesses.unrest.max(witnesses.motion) >= FALL_EVIDENCE_MAX;
+        self.controller.watch(now_us, may_slide);
         if now_us.saturating_sub(self.last_status_us) >= u64::from(STATUS_PERIOD_MS) * 1_000 {
             self.send_status();
         }
@@ -413,11 +417,8 @@ impl<K: Kernel> Program<K> {
         for tip in at_most::<SENSORS, _>(&mut self.fingertips) {
             is_new |= core::mem::take(&mut tip.is_news);
         }
-        // The stick ratio is no reason: it is 0 in every firm grip on an object whose friction is well above the detector's.
-        let (_, witnesses) = self.slip_evidence();
-        self.controller
-            .forbid_fall(witnesses.unrest.max(witnesses.motion) >= FALL_EVIDENCE_MAX);
         if !self.settings.learns() {
+            self.controller.learn_nothing();
             return;
         }
         let [one, other] = &self.fingertips;
@@ -426,8 +427,9 @@ impl<K: Kernel> Program<K> {
             self.now_us.saturating_sub(tip.arrived_us) > u64::from(self.settings.stale_ms) * 1_000
         };
         let has_other = self.settings.sensors > 1;
-        let other_is_worse = is_silent(one) || other.taught.load.exceeds(&one.taught.load);
-        let is_other = has_other && !is_silent(other) && other_is_worse;
+        let are_silent = [is_silent(one), is_silent(other)];
+        let other_is_worse = are_silent[0] || other.taught.load.exceeds(&one.taught.load);
+        let is_other = has_other && !are_silent[1] && other_is_worse;
         let worst = if is_other { other } else { one };
         self.neediest = if is_other {
             SensorId::SECOND
@@ -436,14 +438,14 @@ impl<K: Kernel> Program<K> {
         };
         // Without a new map it is not looked at.
         let witness = if has_other && is_new {
-            let verdict = |tip: &Fingertip| {
-                if is_silent(tip) {
+            let verdict = |is_silent: bool, tip: &Fingertip| {
+                if is_silent {
                     Verdict::SILENT
                 } else {
                     tip.taught.verdict
                 }
             };
-            let verdicts = [verdict(one), verdict(other)];
+            let verdicts = [verdict(are_silent[0], one), verdict(are_silent[1], other)];
             self.joint_test.join(verdicts)
         } else {
             one.taught.verdict

@@ -47,6 +47,8 @@ pub(crate) struct Handshake {
     heard_us: u64,
     asked_us: Option<u64>,
     restarts: u32,
+    /// It restarted, and has not confirmed our settings since.
+    lacks_settings: bool,
 }
 
 impl Handshake {
@@ -61,6 +63,7 @@ impl Handshake {
             heard_us: 0,
             asked_us: None,
             restarts: 0,
+            lacks_settings: false,
         }
     }
 
@@ -90,13 +93,12 @@ impl Handshake {
         self.asked_us = None;
         let restarted = self.start.is_some_and(|before| before != start);
         self.start = Some(start);
-        self.state = match self.state {
-            _ if restarted => {
-                self.restarts += 1;
-                State::Unsettled
-            }
-            State::Unsettled => State::Unsettled,
-            State::New | State::Sound | State::Doubted => State::Sound,
+        self.restarts += u32::from(restarted);
+        self.lacks_settings |= restarted;
+        self.state = if self.lacks_settings {
+            State::Unsettled
+        } else {
+            State::Sound
         };
         restarted
     }
@@ -104,6 +106,7 @@ impl Handshake {
     /// Its settings are known and correct.
     pub(crate) const fn settled(&mut self) {
         self.state = State::Sound;
+        self.lacks_settings = false;
         self.asked_us = None;
     }
 
@@ -115,6 +118,13 @@ impl Handshake {
     /// It may no longer know this host.
     pub(crate) const fn doubt(&mut self) {
         if self.is_sound() {
+            self.state = State::Doubted;
+        }
+    }
+
+    /// It refused a command because it does not know this host: it restarted, even where it still lacks settings.
+    pub(crate) const fn refused(&mut self) {
+        if self.is_begun() {
             self.state = State::Doubted;
         }
     }

@@ -229,3 +229,22 @@ fn a_release_that_was_done_is_not_said_again_when_the_gripper_holds_once_more() 
     host.frames(60);
     assert_eq!(host.mode(), GripMode::Hold);
 }
+
+#[test]
+fn one_that_restarts_again_before_it_has_its_settings_is_met_again() {
+    let mut host = Host::new();
+    host.frames(10);
+    host.world.reset(ResetCause::PowerOn, 100_000);
+    let session = &mut host.control.session;
+    while session.restarts() == 0 {
+        session.run_until(session.now_us() + 1_000).unwrap();
+    }
+    assert!(!host.control.session.is_sound(), "its settings are on their way");
+    host.world.reset(ResetCause::PowerOn, 100_000);
+    host.frames(120);
+    assert!(host.control.session.is_sound());
+    assert_eq!(host.control.session.restarts(), 2);
+    host.mode = Some(GripMode::Hold);
+    host.frames(10);
+    assert_eq!(host.mode(), GripMode::Hold);
+}

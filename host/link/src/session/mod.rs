@@ -392,7 +392,7 @@ impl Session {
     /// Maintains the handshake: sends what is due, and takes the answers.
     fn renew(&mut self) -> Result<(), LinkError> {
         if std::mem::take(&mut self.inbox.is_stranger) {
-            self.handshake.doubt();
+            self.handshake.refused();
         }
         if !self.handshake.is_begun() {
             return Ok(());
