@@ -4,6 +4,7 @@
 //! The loop is sequential: it takes a picture at frame k, sends its map at once, and lets the link work until frame k+1; the
 //! resulting line drives the (simulated) gripper in the next frame. Paced by the wall clock.
 
+mod background;
 mod capture_to_line;
 mod drift;
 mod fingertips;
@@ -158,6 +159,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Error> {
     open_to_others(&mut run, &wanted, &control, (&about, &rests))?;
     run.drift = DriftWatch::of_cameras(pacing == Pacing::Pictures, drift);
     run.helpers = Helpers::start(wanted.threads, wanted.realtime);
+    background::start();
     // After the other threads have started, which would inherit it.
     if wanted.realtime {
         let lacks = realtime::enter(wanted.realtime_core);

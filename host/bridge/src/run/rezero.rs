@@ -1,13 +1,15 @@
-//! New pictures at rest while a run goes on: taken while the gripper is released, compared with the old ones in a thread of their own,
+//! New pictures at rest while a run goes on: taken while the gripper is released, compared with the old ones in the background,
 //! and refused where they may show a touch.
 
 use gripline_protocol::SensorId;
 use std::sync::Arc;
-use std::thread::{self, JoinHandle};
+use std::sync::mpsc::{Receiver, TryRecvError};
 
 use gripline_control::Why;
 use gripline_evaluation::calibration::surface::{Change, Figures, limit};
 use gripline_simulation::constants::REST_PICTURES;
+
+use super::background;
 
 /// A re-zero without its pictures after this many frames is given up.
 const FRAMES_MAX: u32 = 600;
@@ -16,7 +18,7 @@ const FRAMES_MAX: u32 = 600;
 pub(super) struct Rezero {
     taken: Vec<Vec<Vec<u8>>>,
     frames: u32,
-    compared: Option<JoinHandle<Vec<Compared>>>,
+    compared: Option<Receiver<Vec<Compared>>>,
 }
 
 /// The new pictures of one fingertip, and what they show.
@@ -51,12 +53,13 @@ impl Rezero {
         &mut self,
         old: impl FnOnce() -> Vec<Arc<Vec<u8>>>,
     ) -> Option<Result<Vec<Compared>, Why>> {
-        if let Some(at_work) = self.compared.take_if(|at_work| at_work.is_finished()) {
-            // A thread that panicked has said so.
-            let compared = at_work
-                .join()
-                .map_err(|_| Why::NotConfirmed("a failed comparison".to_owned()));
-            return Some(compared.and_then(believed));
+        match self.compared.as_ref().map(Receiver::try_recv) {
+            None | Some(Err(TryRecvError::Empty)) => {}
+            Some(Ok(compared)) => return Some(believed(compared)),
+            // A comparison that panicked has said so.
+            Some(Err(TryRecvError::Disconnected)) => {
+                return Some(Err(Why::NotConfirmed("a failed comparison".to_owned())));
+            }
         }
         if self.frames > FRAMES_MAX {
             return Some(Err(Why::NotConfirmed(format!(
@@ -65,7 +68,7 @@ impl Rezero {
         }
         if self.is_complete() && self.compared.is_none() {
             let (taken, old) = (std::mem::take(&mut self.taken), old());
-            self.compared = Some(thread::spawn(move || compare(taken, &old)));
+            self.compared = Some(background::compute(move || compare(taken, &old)));
         }
         None
     }
