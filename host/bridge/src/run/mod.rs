@@ -127,7 +127,14 @@ pub fn run(args: &RunArgs) -> Result<Completion, Error> {
     } else {
         (Pace::RealTime, WhenFull::Drop)
     };
-    let record = |path: &PathBuf| Recorder::start(path, &about, &rests, pace);
+    let record = |path: &PathBuf| match Recorder::start(path, &about, &rests, pace) {
+        // A service started again on a full disk still has a gripper to control.
+        Err(why) if Supervisor::is_there() => {
+            tracing::warn!("{why}; the run goes on without a recording");
+            Ok(Recorder::unstarted(path, &why))
+        }
+        started => started,
+    };
     let recorder = recording_file(&wanted).map(record).transpose()?;
     let drift: Vec<_> = opened.iter().filter_map(Open::particles).collect();
     let mut fingertips = Fingertips::new(opened, &model, &wanted, TaxelRule::of(&settings))?;
