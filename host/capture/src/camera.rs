@@ -13,7 +13,7 @@ use serde::Serialize;
 use tracing::{debug, info, warn};
 
 use crate::colour::ColourConverter;
-use crate::constants::{DEFAULT_RATE, POLL, REOPEN_EVERY, SILENCE, STOP_CHECK};
+use crate::constants::{DEFAULT_RATE, POLL, REOPEN_EVERY, SILENCE, SILENCE_AT_START, STOP_CHECK};
 use crate::convert::Converter;
 use crate::driver::{Driver, Port, Ready, Stream};
 use crate::error::{CaptureError, PictureError};
@@ -212,7 +212,8 @@ impl Camera {
     /// # Errors
     /// [`CaptureError::NoPictures`] when the camera stops sending; as [`Self::next`].
     pub fn take_frames(&self, count: usize) -> Result<Vec<CameraFrame>, CaptureError> {
-        let patience = 3 * SILENCE;
+        // The camera falls silent, is opened again, and begins.
+        let patience = SILENCE + SILENCE_AT_START;
         let mut frames = Vec::with_capacity(count);
         let mut last = Instant::now();
         while frames.len() < count {
@@ -339,19 +340,19 @@ fn stream<S: Stream>(
     let mut converter = Cropper::of(camera, settings);
     let mut sequence = Sequence::default();
     let mut crop = Vec::new();
-    let mut last = Instant::now();
+    let (mut last, mut patience) = (Instant::now(), SILENCE_AT_START);
     let interval = Duration::from_secs_f64(1.0 / camera.rate.unwrap_or(DEFAULT_RATE));
     while shared.is_running() {
         let waiting = camera.stream.ready();
         if !waiting.within(STOP_CHECK).map_err(|error| error.to_string())? {
-            if last.elapsed() > SILENCE {
-                return Err(format!("no picture for {} s", SILENCE.as_secs()));
+            if last.elapsed() > patience {
+                return Err(format!("no picture for {} s", patience.as_secs()));
             }
             continue;
         }
         let buffer = camera.stream.take().map_err(|error| error.to_string())?;
         let dequeued_at = Instant::now();
-        last = dequeued_at;
+        (last, patience) = (dequeued_at, SILENCE);
         let taken_at = buffer.taken_at.unwrap_or(dequeued_at).min(dequeued_at);
         let missed = sequence.next(buffer.sequence);
         // With a newer picture there already, this one is not worth decoding.

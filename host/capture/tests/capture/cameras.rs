@@ -346,6 +346,18 @@ fn a_camera_that_falls_silent_is_opened_again() {
 }
 
 #[test]
+fn a_camera_that_needs_more_than_a_second_to_its_first_picture_is_left_to_begin() {
+    let slow = Action::Silence(Duration::from_millis(1_500));
+    let camera = Camera::start(
+        FakeCamera::new(*b"GREY", vec![slow, Action::Send(vec![1])]),
+        settings(),
+    )
+    .unwrap();
+    assert_eq!(until(&camera, 1), [1]);
+    assert_eq!(camera.counts().disconnects, 0);
+}
+
+#[test]
 fn a_camera_without_a_good_picture_says_so_instead_of_waiting_for_ever() {
     let camera = Camera::start(FakeCamera::new(*b"GREY", vec![Action::Garbage(0)]), settings()).unwrap();
     let error = camera.take_frames(4).unwrap_err().to_string();
