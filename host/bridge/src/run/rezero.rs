@@ -10,6 +10,7 @@ use gripline_evaluation::calibration::surface::{Change, Figures, limit};
 use gripline_simulation::constants::REST_PICTURES;
 
 use super::background;
+use crate::rest::unfit;
 
 /// A re-zero without its pictures after this many frames is given up.
 const FRAMES_MAX: u32 = 600;
@@ -82,6 +83,9 @@ impl Rezero {
 
 /// Why the new pictures are refused.
 fn doubt(figures: &Figures, change: &Change) -> Option<String> {
+    if let Some(unfit) = unfit(figures).into_iter().next() {
+        return Some(unfit.found);
+    }
     if figures.moved_px > limit::STILL_PX {
         return Some(format!(
             "parts of the sensor surface that move by {:.2} pixels",
@@ -127,4 +131,38 @@ fn compare(taken: Vec<Vec<Vec<u8>>>, old: &[Arc<Vec<u8>>]) -> Vec<Compared> {
         }
     });
     compared.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use gripline_evaluation::calibration::surface::mean;
+    use gripline_simulation::GripScene;
+
+    use super::*;
+
+    #[test]
+    fn pictures_of_which_some_are_too_dark_to_show_a_touch_are_refused() {
+        let mut scene = GripScene::new(80);
+        let good: Vec<Vec<u8>> = (0..REST_PICTURES).map(|_| scene.rest_image().pixels).collect();
+        let old = Arc::new(mean(&good));
+        let outcome = |pictures: &[Vec<u8>]| {
+            let mut rezero = Rezero::new(1);
+            for picture in pictures {
+                rezero.observe(SensorId::FIRST, picture);
+            }
+            loop {
+                if let Some(outcome) = rezero.step(|| vec![Arc::clone(&old)]) {
+                    return outcome.map(drop);
+                }
+                std::thread::yield_now();
+            }
+        };
+        assert_eq!(outcome(&good), Ok(()));
+        let mut dark_first = good.clone();
+        dark_first[..4].fill(vec![0; good[0].len()]);
+        let Err(Why::Touched(found)) = outcome(&dark_first) else {
+            panic!("dark pictures show no touch");
+        };
+        assert!(found.contains("a mean level of 0"), "{found}");
+    }
 }
