@@ -1,10 +1,11 @@
 //! Pictures of the untouched fingertip: written, stored from run to run, and chosen when a run starts. If the pictures of the start
 //! may show a touch, those stored by an earlier run are used, or the run is refused: a touch taken for rest is a force that is
-//! never measured. Limit: without stored pictures an object that lies still on a released fingertip is not detected.
+//! never measured. Pictures that show too little are never rest, new or stored. Limit: without stored pictures an object that lies
+//! still on a released fingertip is not detected.
 
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
-use std::{env, fs};
+use std::{env, fmt, fs};
 
 use gripline_evaluation::calibration::surface::{Change, Figures, limit, mean};
 use gripline_network::constants::CROP_SIDE;
@@ -64,6 +65,50 @@ fn image(pixels: &[u8]) -> gripline_simulation::Image {
     let mut image = gripline_simulation::Image::crop();
     image.pixels.copy_from_slice(pixels);
     image
+}
+
+/// Why pictures show too little of the sensor surface to be rest.
+pub(crate) struct Unfit {
+    pub found: String,
+    expected: String,
+    advice: &'static str,
+}
+
+impl fmt::Display for Unfit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            found,
+            expected,
+            advice,
+        } = self;
+        write!(f, "found {found}, expected {expected}: {advice}")
+    }
+}
+
+/// What is wrong with the light of pictures, and with their particles.
+pub(crate) fn unfit(figures: &Figures) -> Vec<Unfit> {
+    let [dark, bright] = limit::LEVEL;
+    let [darkest, brightest] = figures.level_range;
+    let of_level = |level: f64, advice| Unfit {
+        found: format!("a mean level of {level:.0}"),
+        expected: format!("{dark} to {bright}"),
+        advice,
+    };
+    let mut all = Vec::new();
+    if darkest < dark {
+        all.push(of_level(darkest, "switch the lamps on, expose longer"));
+    }
+    if brightest > bright {
+        all.push(of_level(brightest, "expose shorter, dim the lamps"));
+    }
+    if figures.particles < limit::PARTICLES {
+        all.push(Unfit {
+            found: format!("{} particles", figures.particles),
+            expected: format!("at least {}", limit::PARTICLES),
+            advice: "focus the lens, clean it, check that the whole sensor surface is in the picture",
+        });
+    }
+    all
 }
 
 /// Four decimals, for people.
@@ -227,11 +272,24 @@ fn choose(new: &Figures, kept: Option<&Kept>, is_holding: bool) -> Result<Choice
             limit::STILL_PX
         )
     };
-    let Some(kept) = kept else {
+    if let Some(problem) = unfit(new).first() {
+        return Err(format!("{problem}, and start again, {KEEP}"));
+    }
+    let useless = kept.and_then(|kept| {
+        let problem = unfit(&Figures::of(&kept.pictures)).into_iter().next()?;
+        Some(format!(
+            "the rest pictures of {} have {}, expected {}, and are not used",
+            kept.path.display(),
+            problem.found,
+            problem.expected
+        ))
+    });
+    let Some(kept) = kept.filter(|_| useless.is_none()) else {
         if is_holding {
             return Err(format!(
-                "found a gripper that holds, and no rest pictures of an earlier start, expected a released one: what it holds \
-                 would count as no contact. Let go (`gripline faults --acknowledge --release`) and start again, {KEEP}"
+                "found a gripper that holds, and no rest pictures of an earlier start{}, expected a released one: what it holds \
+                 would count as no contact. Let go (`gripline faults --acknowledge --release`) and start again, {KEEP}",
+                useless.map_or(String::new(), |why| format!(" ({why})"))
             ));
         }
         if moves {
@@ -240,7 +298,7 @@ fn choose(new: &Figures, kept: Option<&Kept>, is_holding: bool) -> Result<Choice
                 moved()
             ));
         }
-        return Ok(Choice::New(None));
+        return Ok(Choice::New(useless));
     };
     let change = Change::between(&mean(&kept.pictures), &new.mean);
     let path = kept.path.display();
@@ -352,6 +410,65 @@ mod tests {
             choose(&moving, Some(&kept(before)), false),
             Ok(Choice::Kept(_))
         ));
+    }
+
+    fn black() -> Vec<u8> {
+        vec![0; CROP_SIDE * CROP_SIDE]
+    }
+
+    #[test]
+    fn pictures_too_dark_to_show_anything_are_never_rest() {
+        let mut scene = GripScene::new(78);
+        let good = rest(&mut scene, 12);
+        let all_black = vec![black(); 16];
+        let black_first = [vec![black(); 4], good.clone()].concat();
+        for dark in [&all_black, &black_first] {
+            let figures = Figures::of(dark);
+            for kept_too in [None, Some(kept(good.clone()))] {
+                let refused = choose(&figures, kept_too.as_ref(), false).unwrap_err();
+                for part in [
+                    "found a mean level of 0",
+                    "expected 15 to 120",
+                    "switch the lamps on",
+                    "start again",
+                ] {
+                    assert!(refused.contains(part), "{part:?} is missing in: {refused}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn pictures_without_particles_are_never_rest() {
+        let grey = Figures::of(&vec![vec![60; CROP_SIDE * CROP_SIDE]; 16]);
+        let refused = choose(&grey, None, false).unwrap_err();
+        for part in ["found 0 particles", "expected at least 900", "start again"] {
+            assert!(refused.contains(part), "{part:?} is missing in: {refused}");
+        }
+    }
+
+    #[test]
+    fn kept_pictures_that_show_nothing_count_as_none() {
+        let mut scene = GripScene::new(79);
+        let untouched = Figures::of(&rest(&mut scene, 8));
+        let held = Figures::of(&held(&mut scene));
+        let dark = kept(vec![black(); 16]);
+        let refused = choose(&held, Some(&dark), true).unwrap_err();
+        for part in [
+            "found a gripper that holds",
+            "kept.toml",
+            "a mean level of 0",
+            "--release",
+        ] {
+            assert!(refused.contains(part), "{part:?} is missing in: {refused}");
+        }
+        let Ok(Choice::New(Some(note))) = choose(&untouched, Some(&dark), false) else {
+            panic!("good pictures of a released fingertip replace them");
+        };
+        assert!(
+            note.contains("kept.toml") && note.contains("a mean level of 0"),
+            "{note}"
+        );
     }
 
     #[test]

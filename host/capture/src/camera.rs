@@ -2,6 +2,7 @@
 //! one. A camera that goes away is opened again as soon as it is back. Nothing queues: pictures that are too late are counted.
 
 use std::any::Any;
+use std::collections::VecDeque;
 use std::ops::Add;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,7 +14,10 @@ use serde::Serialize;
 use tracing::{debug, info, warn};
 
 use crate::colour::ColourConverter;
-use crate::constants::{DEFAULT_RATE, POLL, REOPEN_EVERY, SILENCE, STOP_CHECK};
+use crate::constants::{
+    BLACK_LEVEL, DEFAULT_RATE, POLL, REOPEN_EVERY, SETTLING, SILENCE, SILENCE_AT_START, STEADY_LIGHT,
+    STOP_CHECK,
+};
 use crate::convert::Converter;
 use crate::driver::{Driver, Port, Ready, Stream};
 use crate::error::{CaptureError, PictureError};
@@ -207,18 +211,25 @@ impl Camera {
         }
     }
 
-    /// Takes `count` pictures, one after the other.
+    /// Takes `count` pictures, one after the other, from when their light is steady: the first pictures of a camera may be dark. A
+    /// light that does not become steady within two seconds is taken as it is.
     ///
     /// # Errors
     /// [`CaptureError::NoPictures`] when the camera stops sending; as [`Self::next`].
     pub fn take_frames(&self, count: usize) -> Result<Vec<CameraFrame>, CaptureError> {
-        let patience = 3 * SILENCE;
-        let mut frames = Vec::with_capacity(count);
+        // The camera falls silent, is opened again, and begins.
+        let patience = SILENCE + SILENCE_AT_START;
+        let mut frames = VecDeque::with_capacity(count);
+        let mut settling_until = None;
         let mut last = Instant::now();
         while frames.len() < count {
             if let Some(frame) = self.next(POLL)? {
-                frames.push(frame);
                 last = Instant::now();
+                let until = *settling_until.get_or_insert(last + SETTLING);
+                frames.push_back((mean_level(&frame.crop), frame));
+                while last < until && !is_steady(frames.iter().map(|(level, _)| *level)) {
+                    frames.pop_front();
+                }
             } else if last.elapsed() > patience {
                 let state = self.shared.state();
                 return Err(CaptureError::NoPictures {
@@ -234,7 +245,7 @@ impl Camera {
                 });
             }
         }
-        Ok(frames)
+        Ok(frames.into_iter().map(|(_, frame)| frame).collect())
     }
 
     /// What became of the pictures so far.
@@ -254,6 +265,20 @@ impl Drop for Camera {
             let _ = thread.join();
         }
     }
+}
+
+fn mean_level(crop: &[u8]) -> f64 {
+    let sum: u64 = crop.iter().map(|level| u64::from(*level)).sum();
+    sum as f64 / crop.len().max(1) as f64
+}
+
+/// Whether pictures with these mean levels are lit, and alike.
+fn is_steady(levels: impl Iterator<Item = f64>) -> bool {
+    let range = levels.fold(None, |range, level| {
+        let [min, max]: [f64; 2] = range.unwrap_or([level; 2]);
+        Some([min.min(level), max.max(level)])
+    });
+    range.is_none_or(|[min, max]| min >= BLACK_LEVEL && max <= STEADY_LIGHT * min)
 }
 
 /// What a panic said.
@@ -339,19 +364,19 @@ fn stream<S: Stream>(
     let mut converter = Cropper::of(camera, settings);
     let mut sequence = Sequence::default();
     let mut crop = Vec::new();
-    let mut last = Instant::now();
+    let (mut last, mut patience) = (Instant::now(), SILENCE_AT_START);
     let interval = Duration::from_secs_f64(1.0 / camera.rate.unwrap_or(DEFAULT_RATE));
     while shared.is_running() {
         let waiting = camera.stream.ready();
         if !waiting.within(STOP_CHECK).map_err(|error| error.to_string())? {
-            if last.elapsed() > SILENCE {
-                return Err(format!("no picture for {} s", SILENCE.as_secs()));
+            if last.elapsed() > patience {
+                return Err(format!("no picture for {} s", patience.as_secs()));
             }
             continue;
         }
         let buffer = camera.stream.take().map_err(|error| error.to_string())?;
         let dequeued_at = Instant::now();
-        last = dequeued_at;
+        (last, patience) = (dequeued_at, SILENCE);
         let taken_at = buffer.taken_at.unwrap_or(dequeued_at).min(dequeued_at);
         let missed = sequence.next(buffer.sequence);
         // With a newer picture there already, this one is not worth decoding.

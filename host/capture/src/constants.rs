@@ -14,6 +14,14 @@ pub(crate) const BUFFERS: u32 = 4;
 pub(crate) const BUFFERS_MIN: usize = 2;
 /// A connected camera that sends nothing for this long is opened again.
 pub(crate) const SILENCE: Duration = Duration::from_secs(1);
+/// The same until its first picture: some cameras need seconds to begin, and each new opening begins anew.
+pub(crate) const SILENCE_AT_START: Duration = Duration::from_secs(5);
+/// Below this mean level a picture may be black, which is 16 in YUYV.
+pub(crate) const BLACK_LEVEL: f64 = 20.0;
+/// Pictures whose mean levels differ by at most this factor have a steady light.
+pub(crate) const STEADY_LIGHT: f64 = 1.05;
+/// Time that a camera has from its first picture to a steady light: lamps go on, the exposure finds its level.
+pub(crate) const SETTLING: Duration = Duration::from_secs(2);
 /// Time between two attempts to open a camera that is gone: a camera that returns is back within a second.
 pub(crate) const REOPEN_EVERY: Duration = Duration::from_millis(100);
 /// The longest that the camera's thread waits before it checks whether it has to stop.

@@ -45,7 +45,7 @@ const HOLD_ENDS: u32 = 25;
 const EVIDENCE: [[f32; 2]; 5] = [[0.0, 0.0], [0.4, 0.1], [0.7, 0.5], [0.85, 0.9], [1.0, 1.0]];
 /// Quality of evidence at which each level of the head's quality begins.
 const QUALITY_FROM: [f32; Motion::QUALITY_MAX as usize] = [0.15, 0.55, 0.8];
-/// In the first picture after stored rest pictures this many markers must be at their stored places.
+/// In the first well-lit picture after stored rest pictures this many markers must be at their stored places.
 const SAME_GEL_SHARE: f32 = 0.5;
 
 /// The reference for the untouched gel.
@@ -143,6 +143,7 @@ pub struct MarkerStage {
     hold: Hold,
     /// Consecutive untouched pictures.
     untouched: u32,
+    /// No picture with enough light has come.
     is_first: bool,
     motions: Vec<MarkerMotion>,
     mm_per_px: f32,
@@ -434,8 +435,10 @@ impl MarkerStage {
     }
 
     fn look(&mut self, crop: &[u8]) -> Result<gripline_markers::Observation, PipelineError> {
-        let is_first = std::mem::take(&mut self.is_first);
         let mut seen = self.finger.see(crop).map_err(MarkerProblem::Markers)?;
+        // Too dark or too bright a picture does not show whose gel it is.
+        let is_lit = !matches!(seen.doubt, Some(Doubt::TooDark | Doubt::TooBright));
+        let is_first = is_lit && std::mem::take(&mut self.is_first);
         if is_first && self.rest.kind() == RestKind::Other && seen.lost_share > SAME_GEL_SHARE {
             // Another gel, or another zoom: its own grid stands for its places, the pictures only for the light.
             self.finger = Finger::new(&self.sensor).map_err(MarkerProblem::Markers)?;
@@ -596,6 +599,10 @@ pub fn fingerprint(forces: &MarkerForces) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
+    use gripline_simulation::printed::{PrintedBench, UnitRange};
+
     use super::*;
 
     fn evidence(slip: f32, quality: f32) -> Motion {
@@ -619,6 +626,42 @@ mod tests {
             before = now;
         }
         assert_eq!(before, Motion::EVIDENCE_MAX);
+    }
+
+    #[test]
+    fn only_a_picture_that_is_light_enough_shows_that_the_gel_is_another() {
+        let sensor = Sensor::named(Path::new("gelsight-mini")).unwrap();
+        let bench = |unit, zoom| {
+            let range = UnitRange {
+                zoom: [zoom; 2],
+                ..UnitRange::of(&sensor)
+            };
+            PrintedBench::play(&sensor, &range, 0, 1.0, [unit, 1]).unwrap()
+        };
+        let (same, other) = (bench(7, 1.0), bench(8, 1.3));
+        let rest = MarkerRest {
+            pictures: same.rest,
+            kind: RestKind::Other,
+            ..MarkerRest::grid()
+        };
+        let dark = vec![0; same.pictures[0].len()];
+        let after_dark_ones = |picture: &[u8]| {
+            let forces = MarkerForces::for_sensor(&sensor, None).unwrap();
+            let mut stage = MarkerStage::new(&sensor, forces, &rest, GateKind::default()).unwrap();
+            let stored = stage.places_mm();
+            let mut newtons = [[0.0; 3]; TAXELS];
+            for _ in 0..2 {
+                let seen = stage.process(&dark, &mut newtons).unwrap();
+                assert_eq!(seen.health, Health::TOO_DARK);
+                assert_eq!(stage.places_mm(), stored);
+            }
+            stage.process(picture, &mut newtons).unwrap();
+            (stage.places_mm(), stored)
+        };
+        let (places, stored) = after_dark_ones(&same.pictures[0]);
+        assert_eq!(places, stored);
+        let (places, stored) = after_dark_ones(&other.pictures[0]);
+        assert_ne!(places, stored);
     }
 
     #[test]

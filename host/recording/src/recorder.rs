@@ -2,8 +2,8 @@
 //! are dropped first, then frames; both are counted.
 //!
 //! A killed process loses at most the queue and the current chunk ([`FLUSH`]): under a second while the disk keeps up. A power cut
-//! loses up to [`SYNC`] more. A disk that fails ends the recording, not the run. Dropping the recorder waits for the end of its
-//! file; a file without a frame is removed.
+//! loses up to [`SYNC`] more. A disk that fails ends the recording, not the run; one that fails at the start leaves no file. Dropping
+//! the recorder waits for the end of its file; a file without a frame is removed.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -92,6 +92,7 @@ impl Recorder {
         pace: Pace,
     ) -> Result<Self, RecordingError> {
         let file = create(path)?;
+        let is_file = is_file(&file);
         let begin = || {
             let on_disk = file.try_clone()?;
             let mut writer = RecordingWriter::new(BufWriter::new(file), metadata, rest.len(), wall_ns())?;
@@ -101,8 +102,32 @@ impl Recorder {
             writer.flush()?;
             Ok((writer, on_disk))
         };
-        let (writer, on_disk) = begin().map_err(|error| failed(path, error))?;
+        let (writer, on_disk) = begin().map_err(|error| {
+            if is_file {
+                // What cannot be removed is no worse than the failure.
+                let _ = std::fs::remove_file(path);
+            }
+            failed(path, error)
+        })?;
         Ok(Self::on(path, writer, pace, Some(on_disk)))
+    }
+
+    /// In place of a recording at `path` that could not start: every frame counts as dropped.
+    #[must_use]
+    pub fn unstarted(path: &Path, why: &RecordingError) -> Self {
+        Self {
+            path: path.to_owned(),
+            is_file: false,
+            queue: None,
+            pictures_waiting: Arc::default(),
+            thread: None,
+            pace: Pace::RealTime,
+            offered: 0,
+            summary: RecordingSummary {
+                failed: Some(why.to_string()),
+                ..RecordingSummary::default()
+            },
+        }
     }
 
     /// Starts a recording into `out`, which is never read back nor synced; `path` names it in messages.
@@ -128,8 +153,7 @@ impl Recorder {
         on_disk: Option<File>,
     ) -> Self {
         let (queue, frames) = sync_channel(QUEUE_FRAMES);
-        let metadata = on_disk.as_ref().and_then(|file| file.metadata().ok());
-        let is_file = metadata.is_some_and(|metadata| metadata.is_file());
+        let is_file = on_disk.as_ref().is_some_and(is_file);
         let pictures_waiting = Arc::new(AtomicUsize::new(0));
         let waiting = Arc::clone(&pictures_waiting);
         let thread = thread::spawn(move || {
@@ -267,6 +291,11 @@ fn create(path: &Path) -> Result<File, RecordingError> {
         return Err(RecordingError::Exists(path.to_owned()));
     }
     File::create(path).map_err(|error| failed(path, error.into()))
+}
+
+/// Not a pipe or a device.
+fn is_file(file: &File) -> bool {
+    file.metadata().is_ok_and(|metadata| metadata.is_file())
 }
 
 fn failed(path: &Path, error: McapError) -> RecordingError {

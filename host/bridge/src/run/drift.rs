@@ -1,15 +1,17 @@
 //! Whether the untouched fingertip still looks as at the start: camera or gel may have moved, lamps dimmed, a dent may remain.
-//! Compared once a minute while the gripper is released and nothing touches, in a thread of its own. A run only warns: new rest
+//! Compared once a minute while the gripper is released and nothing touches, in the background. A run only warns: new rest
 //! pictures are taken when it starts, or on request. Times in seconds of the pictures' clock. Limit: a drift so large that the gate
 //! sees a touch is not compared.
 
 use std::sync::Arc;
-use std::thread::{self, JoinHandle};
+use std::sync::mpsc::{Receiver, TryRecvError};
 
 use gripline_evaluation::calibration::surface::{Change, limit, mean};
 use gripline_network::scene::GateDecision;
 use gripline_pipeline::control_loop::Late;
 use gripline_protocol::message::GripMode;
+
+use super::background;
 
 /// Untouched time before a check.
 const UNTOUCHED_S: f64 = 2.0;
@@ -27,7 +29,7 @@ pub(super) struct DriftWatch {
     compared_s: f64,
     warned_s: f64,
     seen: Vec<Vec<u8>>,
-    at_work: Option<JoinHandle<Change>>,
+    at_work: Option<Receiver<Change>>,
 }
 
 impl DriftWatch {
@@ -51,9 +53,11 @@ impl DriftWatch {
 
     /// Takes the next picture, and whether it is untouched. Returns a warning.
     pub(super) fn observe(&mut self, t_s: f64, is_untouched: bool, crop: &[u8]) -> Option<String> {
-        if let Some(work) = self.at_work.take_if(|work| work.is_finished()) {
-            // A thread that panicked has said so.
-            let warning = work.join().ok().and_then(|change| warning(&change));
+        let compared = self.at_work.as_ref().map(Receiver::try_recv);
+        if let Some(compared @ (Ok(_) | Err(TryRecvError::Disconnected))) = compared {
+            self.at_work = None;
+            // A comparison that panicked has said so.
+            let warning = compared.ok().and_then(|change| warning(&change));
             if warning.is_some() && t_s - self.warned_s >= WARN_S {
                 self.warned_s = t_s;
                 return warning;
@@ -71,7 +75,7 @@ impl DriftWatch {
             if self.seen.len() == PICTURES {
                 self.compared_s = t_s;
                 let (rest, seen) = (Arc::clone(&self.rest), std::mem::take(&mut self.seen));
-                self.at_work = Some(thread::spawn(move || Change::between(&rest, &mean(&seen))));
+                self.at_work = Some(background::compute(move || Change::between(&rest, &mean(&seen))));
             }
         }
         None
@@ -120,6 +124,8 @@ fn warning(change: &Change) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc::sync_channel;
+
     use gripline_simulation::GripScene;
 
     use super::*;
@@ -146,8 +152,11 @@ mod tests {
         for frame in 0..seconds as usize * 10 {
             let (is_untouched, crop) = picture(frame);
             all.extend(watch.observe(frame as f64 / 10.0, is_untouched, &crop));
-            while watch.at_work.as_ref().is_some_and(|work| !work.is_finished()) {
-                thread::yield_now();
+            if let Some(work) = watch.at_work.take() {
+                // Arrives before the next picture.
+                let (sender, arrived) = sync_channel(1);
+                sender.send(work.recv().unwrap()).unwrap();
+                watch.at_work = Some(arrived);
             }
         }
         all

@@ -4,6 +4,7 @@
 //! The loop is sequential: it takes a picture at frame k, sends its map at once, and lets the link work until frame k+1; the
 //! resulting line drives the (simulated) gripper in the next frame. Paced by the wall clock.
 
+mod background;
 mod capture_to_line;
 mod drift;
 mod fingertips;
@@ -128,7 +129,14 @@ pub fn run(args: &RunArgs) -> Result<Completion, Error> {
     } else {
         (Pace::RealTime, WhenFull::Drop)
     };
-    let record = |path: &PathBuf| Recorder::start(path, &about, &rests, pace);
+    let record = |path: &PathBuf| match Recorder::start(path, &about, &rests, pace) {
+        // A service started again on a full disk still has a gripper to control.
+        Err(why) if Supervisor::is_there() => {
+            tracing::warn!("{why}; the run goes on without a recording");
+            Ok(Recorder::unstarted(path, &why))
+        }
+        started => started,
+    };
     let recorder = recording_file(&wanted).map(record).transpose()?;
     let drift: Vec<_> = opened.iter().filter_map(Open::particles).collect();
     let mut fingertips = Fingertips::new(opened, &model, &wanted, TaxelRule::of(&settings))?;
@@ -160,6 +168,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Error> {
     open_to_others(&mut run, &wanted, &control, (&about, &rests))?;
     run.drift = DriftWatch::of_cameras(pacing == Pacing::Pictures, drift);
     run.helpers = Helpers::start(wanted.threads, wanted.realtime);
+    background::start();
     // After the other threads have started, which would inherit it.
     if wanted.realtime {
         let lacks = realtime::enter(wanted.realtime_core);

@@ -1,13 +1,16 @@
-//! New pictures at rest while a run goes on: taken while the gripper is released, compared with the old ones in a thread of their own,
+//! New pictures at rest while a run goes on: taken while the gripper is released, compared with the old ones in the background,
 //! and refused where they may show a touch.
 
 use gripline_protocol::SensorId;
 use std::sync::Arc;
-use std::thread::{self, JoinHandle};
+use std::sync::mpsc::{Receiver, TryRecvError};
 
 use gripline_control::Why;
 use gripline_evaluation::calibration::surface::{Change, Figures, limit};
 use gripline_simulation::constants::REST_PICTURES;
+
+use super::background;
+use crate::rest::unfit;
 
 /// A re-zero without its pictures after this many frames is given up.
 const FRAMES_MAX: u32 = 600;
@@ -16,7 +19,7 @@ const FRAMES_MAX: u32 = 600;
 pub(super) struct Rezero {
     taken: Vec<Vec<Vec<u8>>>,
     frames: u32,
-    compared: Option<JoinHandle<Vec<Compared>>>,
+    compared: Option<Receiver<Vec<Compared>>>,
 }
 
 /// The new pictures of one fingertip, and what they show.
@@ -51,12 +54,13 @@ impl Rezero {
         &mut self,
         old: impl FnOnce() -> Vec<Arc<Vec<u8>>>,
     ) -> Option<Result<Vec<Compared>, Why>> {
-        if let Some(at_work) = self.compared.take_if(|at_work| at_work.is_finished()) {
-            // A thread that panicked has said so.
-            let compared = at_work
-                .join()
-                .map_err(|_| Why::NotConfirmed("a failed comparison".to_owned()));
-            return Some(compared.and_then(believed));
+        match self.compared.as_ref().map(Receiver::try_recv) {
+            None | Some(Err(TryRecvError::Empty)) => {}
+            Some(Ok(compared)) => return Some(believed(compared)),
+            // A comparison that panicked has said so.
+            Some(Err(TryRecvError::Disconnected)) => {
+                return Some(Err(Why::NotConfirmed("a failed comparison".to_owned())));
+            }
         }
         if self.frames > FRAMES_MAX {
             return Some(Err(Why::NotConfirmed(format!(
@@ -65,7 +69,7 @@ impl Rezero {
         }
         if self.is_complete() && self.compared.is_none() {
             let (taken, old) = (std::mem::take(&mut self.taken), old());
-            self.compared = Some(thread::spawn(move || compare(taken, &old)));
+            self.compared = Some(background::compute(move || compare(taken, &old)));
         }
         None
     }
@@ -79,6 +83,9 @@ impl Rezero {
 
 /// Why the new pictures are refused.
 fn doubt(figures: &Figures, change: &Change) -> Option<String> {
+    if let Some(unfit) = unfit(figures).into_iter().next() {
+        return Some(unfit.found);
+    }
     if figures.moved_px > limit::STILL_PX {
         return Some(format!(
             "parts of the sensor surface that move by {:.2} pixels",
@@ -124,4 +131,38 @@ fn compare(taken: Vec<Vec<Vec<u8>>>, old: &[Arc<Vec<u8>>]) -> Vec<Compared> {
         }
     });
     compared.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use gripline_evaluation::calibration::surface::mean;
+    use gripline_simulation::GripScene;
+
+    use super::*;
+
+    #[test]
+    fn pictures_of_which_some_are_too_dark_to_show_a_touch_are_refused() {
+        let mut scene = GripScene::new(80);
+        let good: Vec<Vec<u8>> = (0..REST_PICTURES).map(|_| scene.rest_image().pixels).collect();
+        let old = Arc::new(mean(&good));
+        let outcome = |pictures: &[Vec<u8>]| {
+            let mut rezero = Rezero::new(1);
+            for picture in pictures {
+                rezero.observe(SensorId::FIRST, picture);
+            }
+            loop {
+                if let Some(outcome) = rezero.step(|| vec![Arc::clone(&old)]) {
+                    return outcome.map(drop);
+                }
+                std::thread::yield_now();
+            }
+        };
+        assert_eq!(outcome(&good), Ok(()));
+        let mut dark_first = good.clone();
+        dark_first[..4].fill(vec![0; good[0].len()]);
+        let Err(Why::Touched(found)) = outcome(&dark_first) else {
+            panic!("dark pictures show no touch");
+        };
+        assert!(found.contains("a mean level of 0"), "{found}");
+    }
 }

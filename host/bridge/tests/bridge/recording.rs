@@ -295,6 +295,46 @@ fn nothing_is_overwritten_and_a_full_disk_is_reported() {
     );
 }
 
+#[test]
+fn a_service_whose_recording_cannot_start_controls_the_gripper_without_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let old = folder.path().join("old.mcap");
+    fs::write(&old, b"a day's work").unwrap();
+    let missing = folder.path().join("missing").join("run.mcap");
+    let cut = folder.path().join("cut.mcap");
+    for (path, why) in [
+        (text(&old), "found a file, expected a name that is free"),
+        (text(&missing), "check the folder"),
+        ("/dev/full", "make room"),
+        (text(&cut), "File too large"),
+    ] {
+        // No file may have more than 100 blocks: the rest pictures need more.
+        let output = Command::new("sh")
+            .args(["-c", "trap '' XFSZ; ulimit -f 100; exec \"$@\"", "sh"])
+            .arg(env!("CARGO_BIN_EXE_gripline"))
+            .args(["run", "--seconds", "1", "--unpaced", "--json", "--record", path])
+            .env("NOTIFY_SOCKET", folder.path().join("nobody-listens"))
+            .output()
+            .unwrap();
+        let said = ends(&output, 3);
+        assert!(
+            said.contains(why) && said.contains("without a recording"),
+            "{said}"
+        );
+        let lines = String::from_utf8(output.stdout).unwrap();
+        let summary: Value = serde_json::from_str(lines.lines().last().unwrap()).unwrap();
+        assert_eq!(summary["frames"], 60, "{summary}");
+        let recording = &summary["recording"];
+        assert_eq!(
+            (&recording["frames"], &recording["frames_dropped"]),
+            (&0.into(), &60.into())
+        );
+        assert!(recording["failed"].as_str().unwrap().contains(why), "{recording}");
+    }
+    assert_eq!(fs::read(&old).unwrap(), b"a day's work");
+    assert!(!cut.exists(), "what was begun is removed");
+}
+
 /// The time up to which a recording has frames, however it ends; its beginning is there in any case.
 fn recorded_s(path: &Path) -> f64 {
     let (mut rest, mut end_s) = (0, 0.0);

@@ -346,6 +346,39 @@ fn a_camera_that_falls_silent_is_opened_again() {
 }
 
 #[test]
+fn a_camera_that_needs_more_than_a_second_to_its_first_picture_is_left_to_begin() {
+    let slow = Action::Silence(Duration::from_millis(1_500));
+    let camera = Camera::start(
+        FakeCamera::new(*b"GREY", vec![slow, Action::Send(vec![1])]),
+        settings(),
+    )
+    .unwrap();
+    assert_eq!(until(&camera, 1), [1]);
+    assert_eq!(camera.counts().disconnects, 0);
+}
+
+#[test]
+fn pictures_of_the_untouched_fingertip_are_taken_once_the_light_is_steady() {
+    let pause = Action::Silence(Duration::from_millis(20));
+    let send = |levels: &[u32]| {
+        levels
+            .iter()
+            .flat_map(|level| [Action::Send(vec![*level]), pause.clone()])
+            .collect()
+    };
+    // Black at first, then an exposure that finds its level.
+    let levels = [0, 0, 0, 0, 0, 40, 70, 90, 100, 101, 102, 103, 104];
+    let camera = Camera::start(FakeCamera::new(*b"GREY", send(&levels)), settings()).unwrap();
+    let taken = camera.take_frames(4).unwrap();
+    let levels: Vec<u8> = taken.iter().map(|frame| frame.crop[0]).collect();
+    assert_eq!(levels, [100, 101, 102, 103]);
+    // A light that is never steady is no reason to wait for ever.
+    let flickering: Vec<u32> = (0..300).map(|number| 60 + 60 * (number % 2)).collect();
+    let camera = Camera::start(FakeCamera::new(*b"GREY", send(&flickering)), settings()).unwrap();
+    assert_eq!(camera.take_frames(4).unwrap().len(), 4);
+}
+
+#[test]
 fn a_camera_without_a_good_picture_says_so_instead_of_waiting_for_ever() {
     let camera = Camera::start(FakeCamera::new(*b"GREY", vec![Action::Garbage(0)]), settings()).unwrap();
     let error = camera.take_frames(4).unwrap_err().to_string();

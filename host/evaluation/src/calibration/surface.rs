@@ -44,6 +44,8 @@ pub struct Figures {
     pub mean: Vec<u8>,
     /// Grey levels.
     pub mean_level: f64,
+    /// Mean level of the darkest and of the brightest picture.
+    pub level_range: [f64; 2],
     /// Share of saturated pixels.
     pub saturated_share: f64,
     /// Particles found.
@@ -78,12 +80,17 @@ impl Figures {
     pub fn of(pictures: &[Vec<u8>]) -> Self {
         let mean = mean(pictures);
         let mean_level = level(&mean);
+        let levels = || pictures.iter().map(|picture| level(picture));
         let saturated = mean.iter().filter(|&&pixel| pixel >= SATURATED).count();
         let mut tracker = Tracker::new();
         tracker.set_rest(&mean);
         let noise_levels = noise(pictures);
         Self {
             mean_level,
+            level_range: [
+                levels().fold(f64::INFINITY, f64::min),
+                levels().fold(0.0, f64::max),
+            ],
             saturated_share: saturated as f64 / mean.len() as f64,
             particles: tracker.particles().len(),
             sharpness: sharpness(&mean, noise_levels * noise_levels / pictures.len() as f64),
@@ -101,7 +108,8 @@ impl Change {
         tracker.set_rest(before);
         tracker.track(now);
         let mut parts: Vec<[Vec<f32>; 2]> = vec![Default::default(); PARTS * PARTS];
-        let mut lost = 0;
+        // Where nothing can be followed, nothing is found again.
+        let mut lost = u32::from(tracker.particles().is_empty());
         for (particle, track) in tracker.particles().iter().zip(tracker.tracks()) {
             if track.confidence == 0.0 {
                 lost += 1;
@@ -309,6 +317,15 @@ mod tests {
             (shift.drift_px - 1.0).abs() < 0.05 && shift.dent_px < limit::STILL_PX,
             "{shift:?}"
         );
+    }
+
+    #[test]
+    fn where_nothing_can_be_followed_everything_is_lost_and_may_have_moved() {
+        let good = rest(7, 12);
+        let flat = vec![60; good[0].len()];
+        assert!(Change::between(&flat, &good[0]).lost > limit::LOST);
+        let flat_first = [vec![flat; 4], good].concat();
+        assert!(Figures::of(&flat_first).moved_px > limit::STILL_PX);
     }
 
     #[test]

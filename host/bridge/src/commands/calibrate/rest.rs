@@ -10,7 +10,7 @@ use super::guide;
 use crate::calibration::{Calibration, Rest};
 use crate::config::{Overrides, Settings};
 use crate::error::Error;
-use crate::rest::save;
+use crate::rest::{save, unfit};
 use crate::source::{Source, SourceSettings};
 use gripline_capture::picture;
 use gripline_evaluation::calibration::surface::{Change, Figures, limit, mean};
@@ -156,31 +156,12 @@ pub(in crate::commands) fn take(
 
 /// Problems of the pictures themselves.
 fn wrong(figures: &Figures) -> Vec<String> {
-    let mut problems = Vec::new();
-    let [dark, bright] = limit::LEVEL;
-    if figures.mean_level < dark || figures.mean_level > bright {
-        problems.push(format!(
-            "found a mean level of {:.0}, expected {dark} to {bright}: {}",
-            figures.mean_level,
-            if figures.mean_level < dark {
-                "switch the lamps on, expose longer"
-            } else {
-                "expose shorter, dim the lamps"
-            }
-        ));
-    }
+    let mut problems: Vec<String> = unfit(figures).iter().map(ToString::to_string).collect();
     if figures.saturated_share > limit::SATURATED {
         problems.push(format!(
             "found {:.1} % of the pixels saturated, expected at most {:.0} %: expose shorter, look for reflections",
             100.0 * figures.saturated_share,
             100.0 * limit::SATURATED
-        ));
-    }
-    if figures.particles < limit::PARTICLES {
-        problems.push(format!(
-            "found {} particles, expected at least {}: focus the lens, clean it, check that the whole sensor surface is in the picture",
-            figures.particles,
-            limit::PARTICLES
         ));
     }
     if figures.sharpness < limit::SHARPNESS {
