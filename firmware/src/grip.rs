@@ -223,7 +223,7 @@ impl GripController {
         }
     }
 
-    /// No map has come for long while nothing is held: what to hold next is unknown.
+    /// By the maps of late nothing is touched: what will be held next is unknown.
     pub(crate) const fn forget_load(&mut self) {
         self.evidence = Evidence::NONE;
         self.anticipated = 0;
