@@ -1,8 +1,8 @@
 //! What survives a reset: its cause, the grip-force line and its settings, the number of the session, and the addresses of a panic.
 //!
 //! RAM that start-up does not clear holds the line twice, each copy with a check word: a reset between the two writes leaves
-//! one good copy. The line's settings are there once, written at the start. Units: force in 1/4096 N. Limits: once the power was away for so long that the memory is lost, a start is
-//! one with nothing in the gripper.
+//! one good copy. The line's settings are there once, written at the start. Units: force in 1/4096 N. Limits: once the power
+//! was away for so long that the memory is lost, a start is one with nothing in the gripper.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;

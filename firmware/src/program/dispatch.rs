@@ -105,6 +105,7 @@ pub struct Program<K = Portable> {
     newest: MapInfo,
     /// The fingertip whose load the grip follows.
     neediest: SensorId,
+    /// Who takes part in the present test of a slide.
     joint_test: JointTest,
     pub(super) controller: GripController,
     pub(super) safety: Safety,

@@ -165,7 +165,7 @@ impl SlideWitness {
         }
     }
 
-    /// Time passed without a map.
+    /// This time, µs, passed without a map, beyond what the slots take.
     pub(crate) fn miss(&mut self, passed_us: u32) {
         self.watched_us = self.watched_us.saturating_sub(passed_us);
     }

@@ -1,6 +1,8 @@
 //! From a picture to a force map in the wire's units: downsample, gate and health, network, contact threshold, quantise. For
 //! printed markers, [`markers`](crate::markers) replaces all but the last two. Pure: no camera, no link, no allocation per frame.
-//! Units: newtons per taxel in, 1/4096 N out; stage times in microseconds.
+//! Units: newtons per taxel in, 1/4096 N out; stage times in microseconds. Limits that say what the network takes for noise are
+//! about `Evaluation::SkipNoise`, which only benchmarks choose: with `Evaluation::Skip`, which ships, it takes nothing for noise,
+//! and they only decide which pictures go through it.
 
 use std::borrow::Cow;
 use std::ops::RangeInclusive;
@@ -19,9 +21,6 @@ use gripline_protocol::{ForceMap, Health, Motion, NotFinite, Saturated, TAXELS};
 
 use crate::PipelineError;
 use crate::markers::MarkerStage;
-
-// "Takes nothing for noise" below is about `Evaluation::SkipNoise`, which does not ship: nothing but the benches chooses it. What ships
-// (`Evaluation::Skip`) takes nothing for noise in any picture; with it these limits only decide which pictures go through the network.
 
 /// Pixels of the 440×440 crop.
 pub const CROP_PIXELS: usize = 440 * 440;
