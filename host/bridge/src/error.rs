@@ -113,7 +113,14 @@ impl Error {
     pub const fn exit_code(&self) -> u8 {
         match self {
             Self::Usage(_) => Self::USAGE,
-            Self::Evaluation(error) if matches!(**error, EvaluationError::Instructions(_)) => Self::USAGE,
+            Self::Evaluation(error)
+                if matches!(
+                    **error,
+                    EvaluationError::Instructions(_) | EvaluationError::Policies
+                ) =>
+            {
+                Self::USAGE
+            }
             _ => 1,
         }
     }

@@ -108,6 +108,22 @@ pub struct FrameRequest {
     pub until_us: u64,
 }
 
+impl FrameRequest {
+    /// A frame of a picture that was taken just now, until `until_us` after frame 0; nothing is requested, and no motion known.
+    #[must_use]
+    pub const fn of_now(sensor: SensorId, until_us: u64) -> Self {
+        Self {
+            sensor,
+            mode: None,
+            age_us: 0,
+            motion: Motion::UNKNOWN,
+            decode_us: 0.0,
+            waited_us: 0.0,
+            until_us,
+        }
+    }
+}
+
 /// The outcome of one frame.
 #[derive(Debug, Clone, Copy)]
 pub struct FrameOutcome {

@@ -12,7 +12,7 @@ use gripline_network::scene::GateDecision;
 use gripline_pipeline::Unconfirmed;
 use gripline_pipeline::control_loop::{ControlLoop, FrameRequest};
 use gripline_protocol::message::{Command, Configuration, GripMode};
-use gripline_protocol::{ForceMap, Health, Motion, SensorId};
+use gripline_protocol::{ForceMap, Health, SensorId};
 use gripline_test_board::fake_usb::{FakeBus, FakeClock, FakeUsb, device};
 
 const FRAME_US: u64 = 16_667;
@@ -103,13 +103,8 @@ impl Host {
         for _ in 0..count {
             let end_us = self.world.now_us() + FRAME_US;
             let request = FrameRequest {
-                sensor: SensorId::FIRST,
                 mode: self.mode,
-                age_us: 0,
-                motion: Motion::UNKNOWN,
-                decode_us: 0.0,
-                waited_us: 0.0,
-                until_us: end_us - self.begun_us,
+                ..FrameRequest::of_now(SensorId::FIRST, end_us - self.begun_us)
             };
             let judged = (GateDecision::NoContact, Health::GOOD);
             self.control.frame_of(&ForceMap::EMPTY, judged, request).unwrap();

@@ -6,7 +6,7 @@ use gripline_network::scene::GateDecision;
 use gripline_pipeline::Unconfirmed;
 use gripline_pipeline::control_loop::{ControlLoop, FrameRequest};
 use gripline_protocol::message::{Command, Configuration, GripMode, Message};
-use gripline_protocol::{Event, ForceMap, Health, Motion, Parser, SensorId};
+use gripline_protocol::{Event, ForceMap, Health, Parser, SensorId};
 
 const FRAME_US: u64 = 16_667;
 
@@ -69,13 +69,8 @@ fn frames_until_answered(
     for frame in 1..=400 {
         *until_us += FRAME_US;
         let request = FrameRequest {
-            sensor: SensorId::FIRST,
             mode: Some(mode),
-            age_us: 0,
-            motion: Motion::UNKNOWN,
-            decode_us: 0.0,
-            waited_us: 0.0,
-            until_us: *until_us,
+            ..FrameRequest::of_now(SensorId::FIRST, *until_us)
         };
         let judged = (GateDecision::NoContact, Health::GOOD);
         let outcome = control.frame_of(&ForceMap::EMPTY, judged, request).unwrap();
@@ -122,15 +117,7 @@ fn a_request_without_effect_is_answered_after_two_seconds_and_once() {
 fn what_is_not_asked_for_does_not_move_and_a_request_that_is_withdrawn_is_not_said_again() {
     let mut control = losing(0, false);
     let judged = (GateDecision::NoContact, Health::GOOD);
-    let mut request = FrameRequest {
-        sensor: SensorId::FIRST,
-        mode: None,
-        age_us: 0,
-        motion: Motion::UNKNOWN,
-        decode_us: 0.0,
-        waited_us: 0.0,
-        until_us: 0,
-    };
+    let mut request = FrameRequest::of_now(SensorId::FIRST, 0);
     for frame in 1..30_u64 {
         request.until_us = frame * FRAME_US;
         request.mode = (frame == 20).then_some(GripMode::Hold);

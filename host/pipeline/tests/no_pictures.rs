@@ -7,7 +7,7 @@ use gripline_link::session::Session;
 use gripline_network::scene::GateDecision;
 use gripline_pipeline::control_loop::{ControlLoop, FrameRequest};
 use gripline_protocol::message::{Configuration, GripMode, Status};
-use gripline_protocol::{ForceMap, Health, Motion, SensorId, TaxelForce};
+use gripline_protocol::{ForceMap, Health, SensorId, TaxelForce};
 
 const FRAME_US: u64 = 16_667;
 
@@ -19,13 +19,8 @@ fn frame(control: &mut ControlLoop, until_us: u64) {
         z: 800,
     });
     let request = FrameRequest {
-        sensor: SensorId::FIRST,
         mode: Some(GripMode::Hold),
-        age_us: 0,
-        motion: Motion::UNKNOWN,
-        decode_us: 0.0,
-        waited_us: 0.0,
-        until_us,
+        ..FrameRequest::of_now(SensorId::FIRST, until_us)
     };
     let judged = (GateDecision::Infer, Health::GOOD);
     control.frame_of(&map, judged, request).unwrap();

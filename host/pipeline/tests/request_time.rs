@@ -8,7 +8,7 @@ use gripline_link::{EmbeddedLink, EmulatorLink, Link, LinkError, Transport};
 use gripline_network::scene::GateDecision;
 use gripline_pipeline::control_loop::{ControlLoop, FrameRequest};
 use gripline_protocol::message::{Configuration, GripMode};
-use gripline_protocol::{ForceMap, Health, Motion, SensorId, TaxelForce};
+use gripline_protocol::{ForceMap, Health, SensorId, TaxelForce};
 
 const FRAME_US: u64 = 16_667;
 /// For so long of a frame the host works on a picture and hears nobody: what a frame from picture to link may take.
@@ -120,13 +120,8 @@ impl Cell {
         }
         self.frames += 1;
         let request = FrameRequest {
-            sensor: SensorId::FIRST,
             mode: self.mode,
-            age_us: 0,
-            motion: Motion::UNKNOWN,
-            decode_us: 0.0,
-            waited_us: 0.0,
-            until_us: self.now_us() + DEAF_US,
+            ..FrameRequest::of_now(SensorId::FIRST, self.now_us() + DEAF_US)
         };
         let judged = (GateDecision::Infer, Health::GOOD);
         self.control.frame_of(&self.map, judged, request).unwrap();

@@ -182,13 +182,10 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Error> {
         control.idle_until_begun(begun_us)?;
         follow_floor(&mut control, status.floor_lsb)?;
         let request = FrameRequest {
-            sensor: status.sensor,
             mode: status.requested_mode,
             age_us: begun_us.wrapping_sub(status.capture_us),
             motion: Motion::from_bits(status.motion_bits),
-            decode_us: 0.0,
-            waited_us: 0.0,
-            until_us: status.until_us,
+            ..FrameRequest::of_now(status.sensor, status.until_us)
         };
         let outcome = match picture.map(Image::into_crop) {
             _ if unseen => control.skip(request)?,

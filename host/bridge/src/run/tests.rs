@@ -11,7 +11,7 @@ use gripline_link::usb::UsbFinder;
 use gripline_network::scene::GateDecision;
 use gripline_pipeline::control_loop::FrameRequest;
 use gripline_protocol::message::{Configuration, GripMode};
-use gripline_protocol::{ForceMap, Health, Motion, SensorId};
+use gripline_protocol::{ForceMap, Health, SensorId};
 use gripline_recording::telemetry::{NO_DEVICE, NO_STATUS};
 use gripline_test_board::fake_usb::{FakeBus, FakeClock, FakeUsb, device};
 
@@ -62,13 +62,8 @@ impl Bench {
             self.run.requests.scripted(script);
             self.run.handle_requests().unwrap();
             let request = FrameRequest {
-                sensor: SensorId::FIRST,
                 mode: self.run.requests.mode(),
-                age_us: 0,
-                motion: Motion::UNKNOWN,
-                decode_us: 0.0,
-                waited_us: 0.0,
-                until_us: end_us - self.begun_us,
+                ..FrameRequest::of_now(SensorId::FIRST, end_us - self.begun_us)
             };
             let judged = (GateDecision::NoContact, Health::GOOD);
             let control = &mut self.run.control;

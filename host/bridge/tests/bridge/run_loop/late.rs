@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, Network};
+use gripline_protocol::SensorId;
 use gripline_protocol::message::GripMode;
-use gripline_protocol::{Motion, SensorId};
 
 use gripline::run::{Pacing, Run};
 use gripline::source::SimulatedSource;
@@ -84,13 +84,8 @@ fn a_map_that_is_too_old_to_be_sent_is_dropped_and_the_next_one_takes_its_number
     scene.frame(Pacing::None, Duration::ZERO);
     let crop = scene.source.next(2.5).unwrap().crop;
     let at = |until_us| FrameRequest {
-        sensor: SensorId::FIRST,
         mode: Some(GripMode::Hold),
-        age_us: 0,
-        motion: Motion::UNKNOWN,
-        decode_us: 0.0,
-        waited_us: 0.0,
-        until_us,
+        ..FrameRequest::of_now(SensorId::FIRST, until_us)
     };
     let control = &mut scene.run.control;
     let late = Lateness::Recorded(Some(Late::Map));
