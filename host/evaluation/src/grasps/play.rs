@@ -312,6 +312,14 @@ mod tests {
         );
     }
 
+    #[test]
+    fn what_slides_out_of_the_grip_slides_although_fresh_gel_sticks() {
+        for (seed, number) in [(1, 81), (2, 471)] {
+            let outcome = on_springs(seed, number);
+            assert!(!outcome.dropped || outcome.slides > 0, "{outcome:?}");
+        }
+    }
+
     /// Grasps whose sliding friction falls to between 0.08 and 0.12 in the hold.
     #[test]
     fn the_secure_grip_holds_when_friction_halves_below_the_detectors() {

@@ -20,6 +20,11 @@ const HARDLY_STICKS: f64 = 0.1;
 /// Share of sticking cells that ends a slide of the whole contact. Fewer do not: gel that comes in at the leading edge, without
 /// shear, sticks until it has been drawn along as far as friction's limit.
 const END_STICK_RATIO: f64 = 0.5;
+/// A contact in which less sticks and the gel follows less than this share of the indenter's motion holds no longer, or not yet: it may
+/// slide as a whole, with fresh gel at its leading edge, or creep while the grip opens.
+const HOLDS_FOLLOW: f64 = 0.5;
+/// Creep goes less far than this over gel, mm: what does not hold and goes further slides as a whole.
+const CREEP_MM: f64 = 0.5;
 
 /// What one cell of the gel does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -75,6 +80,8 @@ pub struct Truth {
     pub(crate) pose: Pose,
     pub(crate) footprint_mm: [f64; 2],
     pub(crate) slip_distance_mm: f64,
+    /// The slip distance until which the contact last held.
+    held_mm: f64,
     pub(crate) gross_slip: bool,
     pub(crate) residuals: Residuals,
 }
@@ -92,6 +99,7 @@ impl Truth {
             pose,
             footprint_mm: pose.at_mm,
             slip_distance_mm: 0.0,
+            held_mm: 0.0,
             gross_slip: false,
             residuals: Residuals::default(),
         }
@@ -118,7 +126,8 @@ impl Truth {
     }
 
     /// Sorts the cells by what they do under the friction of each, and says whether they slide as a whole, which depends on whether they
-    /// did in the step before; `follow` is the share of the indenter's motion in this step that the gel made too, none without motion.
+    /// did in the step before and on how far it has gone since it held; `follow` is the share of the indenter's motion in this step that
+    /// the gel made too, none without motion.
     pub(crate) fn classify(&mut self, friction: impl Fn(usize) -> f64, follow: Option<f64>) {
         let cells = self.states.iter_mut().zip(&self.pressure).zip(&self.shear);
         for (place, ((state, p), q)) in cells.enumerate() {
@@ -131,9 +140,16 @@ impl Truth {
                 CellState::Slip
             };
         }
-        let sticks_less = |share: f64| self.stick_ratio().is_some_and(|ratio| ratio < share);
+        let stick_ratio = self.stick_ratio();
+        let sticks_less = |share: f64| stick_ratio.is_some_and(|ratio| ratio < share);
         let runs_ahead = follow.is_some_and(|share| share < GROSS_FOLLOW);
-        let begins = sticks_less(GROSS_STICK_RATIO) || (runs_ahead && sticks_less(HARDLY_STICKS));
+        let holds = !sticks_less(END_STICK_RATIO) || follow.is_none_or(|share| share > HOLDS_FOLLOW);
+        if holds {
+            self.held_mm = self.slip_distance_mm;
+        }
+        let begins = sticks_less(GROSS_STICK_RATIO)
+            || (runs_ahead && sticks_less(HARDLY_STICKS))
+            || self.slip_distance_mm - self.held_mm > CREEP_MM;
         let goes_on = self.gross_slip && follow.is_some() && sticks_less(END_STICK_RATIO);
         self.gross_slip = begins || goes_on;
     }
@@ -189,8 +205,8 @@ impl Truth {
         (stick + slip > 0).then(|| stick as f64 / (stick + slip) as f64)
     }
 
-    /// Whether the contact slides as a whole: no cell sticks, or the gel does not follow the indenter, or it has slid since and
-    /// half of the contact does not stick yet.
+    /// Whether the contact slides as a whole: no cell sticks, or the gel does not follow the indenter, or the contact has gone further
+    /// than creep goes, or it has slid since and half of it does not stick yet.
     #[must_use]
     pub fn gross_slip(&self) -> bool {
         self.gross_slip

@@ -181,6 +181,44 @@ fn an_object_that_slides_out_of_the_grip_slides_in_every_frame_although_fresh_ge
     assert!(fresh > 0.05, "{fresh}: nothing that it asks");
 }
 
+/// Gel that comes in at the leading edge of a firm contact sticks for a millimetre and more: nearly half of the contact does so when the
+/// slide begins slowly.
+#[test]
+fn a_slide_that_builds_up_slowly_under_a_firm_grip_is_seen_within_a_millimetre() {
+    for contact in [ContactModel::Layer, ContactModel::Brush] {
+        let mut scene = ball();
+        scene.contact = contact;
+        scene.object.mass_g = 3_000.0;
+        let gently = Course::smooth(vec![[FREE_S, 1.0], [FREE_S + 0.5, 0.0]]);
+        scene.pulls = vec![Pull::force([0.0, scene.object.weight_n()], gently)];
+        let grip_n = 0.8 * needed_n(&scene);
+        let frames = frames(&scene, grip_n, 2e-3, FREE_S + 0.5);
+        // Until the gel has stretched to friction's limit, it follows: that is no slide yet.
+        let slides = |frame: &GraspFrame| {
+            let least = (0.92 * frame.object.velocity_mm_per_s[1].abs()).max(10.0);
+            !frame.dropped && (0..2).all(|finger| frame.fingers[finger].slip_speed_mm_per_s > least)
+        };
+        let first = frames.iter().position(slides).expect("it slides");
+        let from_mm = frames[first].fingers[0].slip_mm;
+        let sliding: Vec<&GraspFrame> = frames[first..]
+            .iter()
+            .filter(|frame| slides(frame) && frame.fingers[0].slip_mm > from_mm + 1.0)
+            .collect();
+        let stick = sliding.iter().map(|frame| frame.fingers[0].stick_ratio.unwrap());
+        let fresh = stick.fold(0.0, f64::max);
+        let unseen = sliding.iter().filter(|frame| frame.slid_s.is_none()).count();
+        println!(
+            "{contact:?}: {unseen} of {} frames without a slide; up to {fresh:.2} sticks",
+            sliding.len()
+        );
+        assert!(
+            sliding.len() > 5 && unseen == 0,
+            "{contact:?}: {unseen} of {}",
+            sliding.len()
+        );
+    }
+}
+
 /// A pad ends: what lies beyond hangs over its edge, and what is left of the contact carries the whole grip.
 #[test]
 fn a_firm_contact_beside_the_middle_leaves_the_grip_where_any_other_does() {
