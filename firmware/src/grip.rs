@@ -229,6 +229,7 @@ impl GripController {
         self.anticipated = 0;
         self.learnt.shear = 0;
         self.learnt.force = 0;
+        self.learnt.sought_milli = 0;
         self.learnt.witness = Verdict::NONE;
     }
 
@@ -239,6 +240,10 @@ impl GripController {
         self.may_fall = is_recent && self.evidence.stick_ratio.is_some() && !may_slide;
         if may_slide {
             self.stuck_us = 0;
+        }
+        if self.evidence.stick_ratio.is_none() {
+            // What a test found is of the contact that ended; the next one may be of another friction.
+            self.learnt.goes_back = false;
         }
     }
 
@@ -487,7 +492,11 @@ pub(crate) const fn loosens(old: &Configuration, new: &Configuration) -> bool {
         || new.friction > old.friction
         || new.friction_max > old.friction_max
         || old.learns() && !new.learns()
+        || new.slip_threshold < old.slip_threshold
+        || new.slip_leave < old.slip_leave
         || new.incipient_threshold < old.incipient_threshold
+        || new.incipient_horizon_ms < old.incipient_horizon_ms
+        || new.dwell_ms < old.dwell_ms
         || new.contact_min > old.contact_min
         || new.margin < old.margin
         || new.floor < old.floor
@@ -620,6 +629,23 @@ mod tests {
                 again > 1.2 * risen,
                 "{relax_rate}: {risen} N, then {again} N in the next test"
             );
+        }
+    }
+
+    #[test]
+    fn settings_with_which_the_line_may_relax_sooner_loosen_the_grip() {
+        let old = Configuration::CAREFUL;
+        let sooner: [fn(&mut Configuration); 5] = [
+            |new| new.slip_threshold -= 1,
+            |new| new.slip_leave -= 1,
+            |new| new.incipient_threshold -= 1,
+            |new| new.incipient_horizon_ms -= 1,
+            |new| new.dwell_ms -= 1,
+        ];
+        for change in sooner {
+            let mut new = old;
+            change(&mut new);
+            assert!(loosens(&old, &new) && !loosens(&new, &old), "{new:?}");
         }
     }
 

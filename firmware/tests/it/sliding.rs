@@ -663,6 +663,37 @@ fn maps_that_stop_after_a_test_do_not_let_the_line_fall() {
 }
 
 #[test]
+fn what_a_test_of_a_contact_that_ended_planned_does_not_loosen_the_next_one() {
+    let mut hold = Hold::new(1, 17);
+    hold.go(3.0, |time| 2.0 * time.min(1.0), [0.8; 2]);
+    // Friction falls, a test finds the slide, and the line is on its way back: then the object is gone.
+    let mut is_on_its_way = false;
+    for _ in 0..400 {
+        let before = hold.line;
+        hold.go(0.017, |_| 2.0, [0.3; 2]);
+        is_on_its_way = hold.line < before - 0.2;
+        if is_on_its_way {
+            break;
+        }
+    }
+    assert!(is_on_its_way, "{} N", hold.line);
+    for _ in 0..12 {
+        hold.bench.map(&ForceMap::EMPTY);
+        hold.bench.wait_ms(16);
+    }
+    let empty = hold.bench.wait_ms(1).lsb();
+    // Somebody gives it back: a first load, whose friction nothing is known of.
+    hold.go(0.2, |_| 1.5, [0.3; 2]);
+    let line = hold.bench.wait_ms(1).lsb();
+    assert!(
+        line >= empty,
+        "{} N became {} N",
+        f64::from(empty) / f64::from(LSB_PER_NEWTON),
+        f64::from(line) / f64::from(LSB_PER_NEWTON)
+    );
+}
+
+#[test]
 fn settings_that_do_not_learn_leave_the_line_where_a_slide_raised_it() {
     for settings in [
         Configuration::CAREFUL,
