@@ -41,7 +41,7 @@ use failure::Failure;
 use models::Model;
 use onnx::Precision;
 use peers::{OnnxRuntime, Rten, Tract};
-use pictures::Film;
+use pictures::{Film, Shown, noisy, picture};
 use preprocessing::{NetworkInput, Preprocessor, small};
 use report::{CHANGED, Report, WITH_NOISE};
 use timing::Contestant;
@@ -141,7 +141,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut contestants = vec![Contestant::new("limit", move || {
         black_box(peak_multiply_adds(instructions, black_box(PEAK_ROUNDS)));
     })];
-    let (rest, now) = (pictures::picture(0.0), pictures::picture(6.0));
+    let (rest, now) = (picture(Shown::Rest), picture(Shown::Dragged));
     let inputs = preprocessors.each_mut().map(|preprocessor| {
         preprocessor.set_rest(&rest);
         preprocessor.prepare(&now)
@@ -195,7 +195,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// The encoder–decoder alone, from small image to forces, with every instruction set; and the forces.
 fn unet(weights: &UnetWeights, sets: &[InstructionSet]) -> Result<(ForceMap, Vec<Contestant>), Failure> {
-    let (rest, now) = (small(&pictures::picture(0.0)), small(&pictures::picture(6.0)));
+    let (rest, now) = (small(picture(Shown::Rest)), small(picture(Shown::Dragged)));
     let mut contestants = Vec::new();
     let mut ours = NO_FORCES;
     for &set in sets {
@@ -220,8 +220,8 @@ fn tracked(
     let network = TrackedNetwork::from_weights(weights)?.with_instructions(instructions)?;
     let mut single = network.clone().with_precision(NetworkPrecision::F32);
     let mut ours = NO_FORCES;
-    single.set_rest(&pictures::picture(0.0));
-    single.infer(&pictures::picture(6.0), &mut ours);
+    single.set_rest(picture(Shown::Rest));
+    single.infer(picture(Shown::Dragged), &mut ours);
     let contestant = |name: &str, mut network: TrackedNetwork| {
         // The time does not depend on the values.
         let grid = empty_grid();
@@ -285,10 +285,10 @@ fn frames(model: &Model) -> Vec<Contestant> {
     let Model { name, network } = model;
     let on = |evaluation| {
         let mut network = network.clone().with_evaluation(evaluation);
-        network.set_rest(&pictures::picture(0.0));
+        network.set_rest(picture(Shown::Rest));
         network
     };
-    let now = pictures::picture(6.0);
+    let now = picture(Shown::Dragged);
     let (mut dense, shown) = (on(Evaluation::Dense), now.clone());
     let mut contestants = vec![Contestant::new(name, move || {
         dense.infer(black_box(&shown), black_box(&mut NO_FORCES.clone()));
@@ -299,23 +299,27 @@ fn frames(model: &Model) -> Vec<Contestant> {
     }));
     for (share, part) in CHANGED {
         let (mut skip, mut film) = (on(Evaluation::Skip), Film::new(share));
-        contestants.push(Contestant::new(&report::part(name, part), move || {
-            skip.infer(black_box(film.next()), black_box(&mut NO_FORCES.clone()));
-        }));
+        // The camera has just written its picture, so the cache has it, as it has the picture of a full frame.
+        let picture = Rc::new(RefCell::new(film.next().to_vec()));
+        let written = Rc::clone(&picture);
+        contestants.push(Contestant::after(
+            &report::part(name, part),
+            move || written.borrow_mut().copy_from_slice(film.next()),
+            move || skip.infer(black_box(&picture.borrow()), black_box(&mut NO_FORCES.clone())),
+        ));
     }
     // Of a camera: the noise of its pictures at rest is known, and each picture of the film has another.
-    let rest = pictures::picture(0.0);
+    let rest = picture(Shown::Rest);
     let rests: Vec<Vec<u8>> = (0..REST_PICTURES)
-        .map(|number| pictures::noisy(&rest, number.into()))
+        .map(|number| noisy(&rest, number.into()))
         .collect();
     for ((share, _), part) in CHANGED.into_iter().zip(WITH_NOISE) {
         let mut skip = on(Evaluation::SkipNoise);
         skip.learn_noise(&rests);
         let mut film = Film::new(share);
         let shown: Vec<Vec<u8>> = (0..NOISY_PICTURES)
-            .map(|number| pictures::noisy(film.next(), 1_000 + number))
+            .map(|number| noisy(film.next(), 1_000 + number))
             .collect();
-        // The camera has just written its picture, so the cache has it, as it has the picture of a full frame.
         let picture = Rc::new(RefCell::new(shown[0].clone()));
         let (written, mut index) = (Rc::clone(&picture), 0);
         contestants.push(Contestant::after(
@@ -332,9 +336,9 @@ fn frames(model: &Model) -> Vec<Contestant> {
 
 /// A frame without touch or change as the gate skips it: from the camera's crop to the decision.
 fn gated(instructions: InstructionSet) -> Result<Contestant, Failure> {
-    let rest = pictures::picture(0.0);
+    let rest = picture(Shown::Rest);
     let crops: Vec<Vec<u8>> = (0..REST_PICTURES)
-        .map(|number| pictures::noisy(&rest, number.into()))
+        .map(|number| noisy(&rest, number.into()))
         .collect();
     let frames: Vec<Image88> = crops.iter().map(|crop| small(crop)).collect();
     let mut scene =
@@ -379,8 +383,8 @@ fn same(name: &str, ours: &ForceMap, theirs: &ForceMap) -> Result<(), Failure> {
 /// Heap allocations of a frame, the worst of three: full, unchanged, changed in one pixel.
 fn allocations(model: &Model) -> u64 {
     let mut network = model.network.clone().with_evaluation(Evaluation::Skip);
-    network.set_rest(&pictures::picture(0.0));
-    let (mut now, mut forces_n) = (pictures::picture(6.0), NO_FORCES);
+    network.set_rest(picture(Shown::Rest));
+    let (mut now, mut forces_n) = (picture(Shown::Dragged).to_vec(), NO_FORCES);
     let mut worst = 0;
     for flip in [0, 0, 0x40] {
         now[44_220] ^= flip;

@@ -1,14 +1,81 @@
-//! Pictures to time with: dots drawn here, pushed as a touch pushes them, and squares of them that change.
+//! Pictures to time with: a simulated fingertip at rest, under a ball that is pressed and dragged, and dragged a little further; and
+//! squares in which one of them changes into the other. Without noise, which is added.
+
+use std::io::ErrorKind;
+use std::path::Path;
+use std::sync::OnceLock;
 
 use gripline_network::constants::{CROP_SIDE, DOWNSAMPLING};
 use gripline_simulation::constants::SENSOR_NOISE_LEVELS;
+use gripline_simulation::scene_file::{Scene, SceneFile};
+use gripline_simulation::{Fingertip, FingertipParams, Image, PressWorld};
 
-/// Particles in the middle of what sensors have.
-const DOTS: usize = 5_000;
-/// Share of the dots' square, 36 of 32 mm, that the picture shows, along a side.
-const SHOWN: f32 = 36.0 / 32.0;
+use crate::failure::Failure;
+
 /// Positions of the changed square that take turns.
 const POSITIONS: usize = 9;
+/// A ball pressed with 3 N, dragged by most of a millimetre, and by a pixel or two more.
+const SCENE: &str = "kind = \"press\"
+[indenter]
+shape = \"sphere\"
+radius_mm = 6.0
+friction = 0.65
+[[path]]
+seconds = 0.1
+press_n = 3.0
+at_mm = [0.0, 0.0]
+[[path]]
+seconds = 0.1
+press_n = 3.0
+at_mm = [0.8, 0.0]
+[[path]]
+seconds = 0.1
+press_n = 3.0
+at_mm = [0.9, 0.0]
+";
+const RATE_HZ: f64 = 10.0;
+
+/// What a picture shows.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Shown {
+    /// Nothing touches.
+    Rest,
+    /// A ball holds on to the gel.
+    Dragged,
+    /// The same ball, a pixel or two further.
+    DraggedOn,
+}
+
+/// The camera's crop.
+pub(crate) fn picture(shown: Shown) -> &'static [u8] {
+    static PICTURES: OnceLock<[Vec<u8>; 3]> = OnceLock::new();
+    let pictures = PICTURES.get_or_init(|| rendered().expect("the scene above is one that the world solves"));
+    &pictures[shown as usize]
+}
+
+fn rendered() -> Result<[Vec<u8>; 3], Failure> {
+    let nothing = &mut |_: &Path| Err(ErrorKind::NotFound.into());
+    let Scene::Press(scene) = SceneFile::parse(Path::new("drag.toml"), SCENE, nothing)?.scene else {
+        return Err("the press is another scene".into());
+    };
+    let params = FingertipParams {
+        noise_levels: 0.0,
+        ..FingertipParams::default()
+    };
+    let mut world = PressWorld::new(&scene, &params.gel, RATE_HZ)?;
+    let mut fingertip = Fingertip::new(5, params)?;
+    let rest = fingertip.rest_image().pixels;
+    let mut touched = Vec::new();
+    while let Some(frame) = world.advance()? {
+        let mut picture = Image::crop();
+        fingertip.render(frame.truth, &mut picture);
+        touched.push(picture.pixels);
+    }
+    match <[Vec<u8>; 3]>::try_from(touched) {
+        Ok([_, dragged, on]) => Ok([rest, dragged, on]),
+        Err(other) => Err(format!("the scene has {} pictures, expected 3", other.len()).into()),
+    }
+}
 
 /// Whole numbers below 2²⁰ as shares, without a pattern (an LCG's upper bits).
 fn unit(state: &mut u64) -> f32 {
@@ -16,29 +83,6 @@ fn unit(state: &mut u64) -> f32 {
         .wrapping_mul(6_364_136_223_846_793_005)
         .wrapping_add(1_442_695_040_888_963_407);
     (*state >> 44) as f32 / (1 << 20) as f32
-}
-
-/// Dots on a dark ground, pushed most in the middle by this many pixels.
-pub(crate) fn picture(push_px: f32) -> Vec<u8> {
-    const SIDE: usize = CROP_SIDE;
-    let mut levels = vec![14.0_f32; SIDE * SIDE];
-    let mut state = 5;
-    for _ in 0..DOTS {
-        let [x, y] = [0, 1].map(|_| ((unit(&mut state) - 0.5) * SHOWN + 0.5) * SIDE as f32);
-        let (share, level) = (0.2 + 0.6 * unit(&mut state), 70.0 + 80.0 * unit(&mut state));
-        let far = ((x - 220.0).powi(2) + (y - 220.0).powi(2)) / (2.0 * 60.0 * 60.0);
-        let x = x + push_px * share * (-far).exp();
-        let span = |at: f32| (at - 4.0).max(0.0) as usize..((at + 5.0).max(0.0) as usize).min(SIDE);
-        for row in span(y) {
-            for column in span(x) {
-                let [dx, dy] = [column as f32 + 0.5 - x, row as f32 + 0.5 - y];
-                let cover = (-(dx * dx + dy * dy) / (2.0 * 1.1 * 1.1)).exp();
-                let pixel = &mut levels[row * SIDE + column];
-                *pixel += cover * (level - *pixel).max(0.0);
-            }
-        }
-    }
-    levels.into_iter().map(|level| level as u8).collect()
 }
 
 /// The same picture with a camera's noise, another with every number.
@@ -55,11 +99,11 @@ pub(crate) fn noisy(picture: &[u8], number: u64) -> Vec<u8> {
 }
 
 /// A film in which each picture differs from the one before in a square that covers a share of it, at the nine
-/// positions of a 3×3 raster in turn.
+/// positions of a 3×3 raster in turn: in the square, every pixel becomes the other picture's.
 pub(crate) struct Film {
     shown: Vec<u8>,
-    pictures: [Vec<u8>; 2],
-    second: [bool; POSITIONS],
+    /// What the two pictures differ by, bit for bit.
+    difference: Vec<u8>,
     side: usize,
     frame: usize,
 }
@@ -68,11 +112,11 @@ impl Film {
     pub(crate) fn new(share: f64) -> Self {
         // Whole pixels of the small image too.
         let side = (share.sqrt() * (CROP_SIDE / DOWNSAMPLING) as f64).round() as usize * DOWNSAMPLING;
-        let pictures = [6.0, 7.0].map(picture);
+        let [shown, other] = [Shown::Dragged, Shown::DraggedOn].map(picture);
+        let difference = shown.iter().zip(other).map(|(a, b)| a ^ b).collect();
         Self {
-            shown: pictures[0].clone(),
-            pictures,
-            second: [false; POSITIONS],
+            shown: shown.to_vec(),
+            difference,
             side,
             frame: 0,
         }
@@ -81,13 +125,16 @@ impl Film {
     pub(crate) fn next(&mut self) -> &[u8] {
         let position = self.frame % POSITIONS;
         self.frame += 1;
-        self.second[position] = !self.second[position];
-        let from = &self.pictures[usize::from(self.second[position])];
         let offset = |index: usize| index * (CROP_SIDE - self.side) / 2 / DOWNSAMPLING * DOWNSAMPLING;
         let (top, left) = (offset(position / 3), offset(position % 3));
         for row in top..top + self.side {
             let pixels = row * CROP_SIDE + left..row * CROP_SIDE + left + self.side;
-            self.shown[pixels.clone()].copy_from_slice(&from[pixels]);
+            for (shown, difference) in self.shown[pixels.clone()]
+                .iter_mut()
+                .zip(&self.difference[pixels])
+            {
+                *shown ^= difference;
+            }
         }
         &self.shown
     }
