@@ -68,7 +68,7 @@ pub(super) struct Fingertip {
     pub(super) fresh_us: u64,
     /// When its last map arrived, µs.
     pub(super) arrived_us: u64,
-    health: Health,
+    pub(super) health: Health,
 }
 
 impl Fingertip {

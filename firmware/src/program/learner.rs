@@ -24,7 +24,7 @@ pub struct Lesson {
     pub(super) capture: HostMicros,
     pub(super) sums: MapSums,
     pub(super) motion: Motion,
-    /// The force that the gripper should have reached.
+    /// The force that the gripper should have reached; a map that sees less than half of it proves no friction.
     pub(super) reached: i32,
     pub(super) settings: LearningSettings,
     pub(super) slip_settings: SlipSettings,

@@ -1,6 +1,6 @@
 //! Copies the newest map out for the [`Learner`](super::Learner), and the result back.
 
-use gripline_protocol::SensorId;
+use gripline_protocol::{Health, SensorId};
 
 use super::dispatch::Program;
 use super::learner::{Learnt, Lesson};
@@ -23,6 +23,12 @@ impl<K: Kernel> Program<K> {
             *lesson = None;
             return;
         }
+        // Forces that did not fit the wire prove no friction, whatever the gripper's.
+        let reached = if tip.health.has(Health::SATURATED) {
+            i32::MAX
+        } else {
+            self.controller.reached().lsb()
+        };
         *lesson = Some(Lesson {
             sensor,
             map: tip.map,
@@ -30,7 +36,7 @@ impl<K: Kernel> Program<K> {
             capture: tip.capture,
             sums: tip.sums,
             motion: tip.motion,
-            reached: self.controller.reached().lsb(),
+            reached,
             settings: LearningSettings::of(&self.settings),
             slip_settings: SlipSettings::of(&self.settings),
         });

@@ -398,6 +398,31 @@ fn what_a_contact_proved_ends_with_it() {
 }
 
 #[test]
+fn forces_that_did_not_fit_prove_no_friction() {
+    let mut bench = Bench::holding();
+    bench.command(Command::Configure(Configuration::DEFAULT));
+    // The wire cut the normal force and not the shear: it looks like a friction of 0.8.
+    let clipped = even_map(60, f64::from(newtons(2.4)), f64::from(newtons(3.0)));
+    let load = even_map(60, f64::from(newtons(2.0)), f64::from(newtons(6.0)));
+    for sequence in 1..8 {
+        let info = MapInfo {
+            sequence,
+            capture_us: bench.now_us as u32,
+            health: Health::SATURATED,
+            ..MapInfo::default()
+        };
+        assert!(bench.map_with(info, &clipped).last().unwrap().decided);
+        bench.wait_ms(16);
+    }
+    bench.sequence = 8;
+    let line = bench.maps_for_ms(&load, 3_000).line;
+    assert!(
+        f64::from(line) > f64::from(newtons(2.0 / 0.45 * kept() - 0.1)),
+        "{line}"
+    );
+}
+
+#[test]
 fn a_torsional_moment_counts_as_the_shear_that_slides_as_soon() {
     // 64 taxels in a square that push crosswise: no shear in sum.
     let turned = |pull: i16| {

@@ -143,8 +143,8 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     })];
     let (rest, now) = (picture(Shown::Rest), picture(Shown::Dragged));
     let inputs = preprocessors.each_mut().map(|preprocessor| {
-        preprocessor.set_rest(&rest);
-        preprocessor.prepare(&now)
+        preprocessor.set_rest(rest);
+        preprocessor.prepare(now)
     });
     let (forces_of_unet, of_unet) = unet(&unet_weights, &sets)?;
     let (forces_of_tracked, of_tracked) = tracked(&tracked_weights, instructions)?;
@@ -202,10 +202,10 @@ fn unet(weights: &UnetWeights, sets: &[InstructionSet]) -> Result<(ForceMap, Vec
         let mut network = UnetNetwork::from_weights(weights)?
             .with_instructions(set)?
             .with_evaluation(Evaluation::Dense);
-        network.set_rest(&rest);
+        network.set_rest(rest);
         network.infer(&now, &mut ours);
         contestants.push(Contestant::new(&set.to_string(), move || {
-            network.infer(black_box(&now), black_box(&mut NO_FORCES.clone()));
+            network.infer(black_box(now), black_box(&mut NO_FORCES.clone()));
         }));
     }
     Ok((ours, contestants))
@@ -289,13 +289,13 @@ fn frames(model: &Model) -> Vec<Contestant> {
         network
     };
     let now = picture(Shown::Dragged);
-    let (mut dense, shown) = (on(Evaluation::Dense), now.clone());
+    let (mut dense, shown) = (on(Evaluation::Dense), now);
     let mut contestants = vec![Contestant::new(name, move || {
-        dense.infer(black_box(&shown), black_box(&mut NO_FORCES.clone()));
+        dense.infer(black_box(shown), black_box(&mut NO_FORCES.clone()));
     })];
     let mut skip = on(Evaluation::Skip);
     contestants.push(Contestant::new(&report::part(name, "same"), move || {
-        skip.infer(black_box(&now), black_box(&mut NO_FORCES.clone()));
+        skip.infer(black_box(now), black_box(&mut NO_FORCES.clone()));
     }));
     for (share, part) in CHANGED {
         let (mut skip, mut film) = (on(Evaluation::Skip), Film::new(share));
@@ -311,7 +311,7 @@ fn frames(model: &Model) -> Vec<Contestant> {
     // Of a camera: the noise of its pictures at rest is known, and each picture of the film has another.
     let rest = picture(Shown::Rest);
     let rests: Vec<Vec<u8>> = (0..REST_PICTURES)
-        .map(|number| noisy(&rest, number.into()))
+        .map(|number| noisy(rest, number.into()))
         .collect();
     for ((share, _), part) in CHANGED.into_iter().zip(WITH_NOISE) {
         let mut skip = on(Evaluation::SkipNoise);
@@ -338,7 +338,7 @@ fn frames(model: &Model) -> Vec<Contestant> {
 fn gated(instructions: InstructionSet) -> Result<Contestant, Failure> {
     let rest = picture(Shown::Rest);
     let crops: Vec<Vec<u8>> = (0..REST_PICTURES)
-        .map(|number| noisy(&rest, number.into()))
+        .map(|number| noisy(rest, number.into()))
         .collect();
     let frames: Vec<Image88> = crops.iter().map(|crop| small(crop)).collect();
     let mut scene =
