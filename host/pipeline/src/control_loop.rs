@@ -394,10 +394,15 @@ impl ControlLoop {
         }
         // A microcontroller in this process has answered already.
         self.session.run_until(now_us)?;
+        self.look();
+        Ok(())
+    }
+
+    /// Takes the newest status, and sends nothing.
+    pub fn look(&mut self) {
         if let Some(asked) = self.asked {
             self.step(asked);
         }
-        Ok(())
     }
 
     /// Takes the newest status; whether the request is to be sent now.

@@ -94,7 +94,8 @@ fn status(session: &mut Session) -> Result<Status, Error> {
     session.command(Command::ReadStatus)?;
     while session.now_us() < asked_us + STATUS_US {
         session.run_until(session.now_us() + STEP_US)?;
-        if session.now_us() - session.status_age_us() > asked_us
+        // The clock moves between the readings.
+        if session.now_us().saturating_sub(session.status_age_us()) > asked_us
             && let Some(status) = session.status()
         {
             return Ok(*status);

@@ -42,9 +42,12 @@ impl Run {
             return Ok(());
         }
         if self.requests.arbiter.waits_for(Step::Hold) {
-            // A status may show it already; otherwise it is refused.
-            self.control.ask_for(self.requests.mode())?;
+            // A status may show it already; otherwise it is refused, also what was asked for in the call that learnt of the restart.
+            self.control.look();
             self.settle_mode()?;
+            if self.requests.arbiter.waits_for(Step::Hold) {
+                self.close(Step::Hold, &Outcome::Refused(Why::Restarted));
+            }
         }
         if let Some(mode) = self.requests.mode() {
             tracing::warn!(

@@ -3,7 +3,7 @@
 
 use std::rc::Rc;
 
-use gripline_control::{Action, Handle, Request, StatusReport, channel};
+use gripline_control::{Action, Handle, Request, StatusReport, Step, channel};
 use gripline_firmware::{Fault, FaultSet, ResetCause};
 use gripline_link::HotPlug;
 use gripline_link::session::Session;
@@ -93,6 +93,33 @@ impl Bench {
         }
         assert_eq!(self.latched(), Fault::Undervoltage.bit());
     }
+}
+
+/// The answer to the handshake has arrived and was not read yet: the call that takes the request reads it.
+#[test]
+fn a_hold_that_is_asked_for_while_a_restart_becomes_known_is_refused_and_not_forgotten() {
+    let mut bench = Bench::new(Unasked::SCRIPT);
+    bench.frames(10, None);
+    let attached = bench.world.pull();
+    bench.frames(2, None);
+    bench.world.reset(ResetCause::PowerOn, 1_000);
+    let session = &mut bench.run.control.session;
+    session.run_until(session.now_us() + 10_000).unwrap();
+    bench.world.attached.replace(attached);
+    let mut rounds = 0;
+    while session.presence().away.is_some() {
+        session.run_until(session.now_us() + 1_000).unwrap();
+        rounds += 1;
+        assert!(rounds < 5_000, "it does not come back");
+    }
+    assert_eq!(bench.restarts(), 0, "it is known already");
+    bench.ask(Action::Hold);
+    bench.run.handle_requests().unwrap();
+    bench.run.handle_requests().unwrap();
+    assert_eq!(bench.restarts(), 1);
+    assert!(!bench.run.requests.arbiter.waits_for(Step::Hold));
+    bench.frames(60, None);
+    assert_eq!(bench.mode(), GripMode::Released);
 }
 
 #[test]
