@@ -360,7 +360,8 @@ impl ControlLoop {
     }
 
     /// Requests the mode repeatedly until a status shows it; `None` withdraws the previous request. A device that may have
-    /// restarted gets no command before it has answered the handshake: else a restarted one could move.
+    /// restarted gets no hold before it has answered the handshake: else a restarted one could close by itself. A release is said
+    /// whatever is heard: a restarted one is open.
     ///
     /// # Errors
     /// [`PipelineError`] when the link is gone.
@@ -386,7 +387,8 @@ impl ControlLoop {
             GripMode::Hold => Command::Hold,
             GripMode::Released => Command::Release,
         };
-        let is_withheld = !self.session.is_sound() && self.session.presence().away.is_none();
+        let is_withheld =
+            mode == GripMode::Hold && !self.session.is_sound() && self.session.presence().away.is_none();
         let was_taken =
             is_withheld || self.session.command(command)? && self.session.command(Command::ReadStatus)?;
         if let Some(asked) = &mut self.asked {

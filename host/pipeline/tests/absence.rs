@@ -1,6 +1,7 @@
 //! A microcontroller on USB that loses its cable, its power or both under the control loop: what a person asked for is asked for
 //! again after a lost cable, and never after a restart. Times in µs.
 
+use std::cell::Cell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
@@ -22,6 +23,8 @@ struct Delayed {
     inner: HotPlug<FakeClock>,
     delay_us: u64,
     under_way: VecDeque<(u64, Vec<u8>)>,
+    /// None of them comes any more.
+    is_deaf: Rc<Cell<bool>>,
 }
 
 impl Link for Delayed {
@@ -36,7 +39,9 @@ impl Link for Delayed {
             under_way.push_back((there_us, packet.to_vec()));
         })?;
         while let Some((_, packet)) = self.under_way.pop_front_if(|(there_us, _)| *there_us <= until_us) {
-            received(&packet);
+            if !self.is_deaf.get() {
+                received(&packet);
+            }
         }
         Ok(())
     }
@@ -61,6 +66,7 @@ impl Link for Delayed {
 /// A loop around a board on USB; nothing touches the fingertip.
 struct Host {
     world: Rc<FakeUsb>,
+    is_deaf: Rc<Cell<bool>>,
     control: ControlLoop,
     begun_us: u64,
     mode: Option<GripMode>,
@@ -76,16 +82,19 @@ impl Host {
         let world = FakeUsb::with(vec![device("A1", "1-2")]);
         let finder = UsbFinder::new(FakeBus(Rc::clone(&world)), None);
         let inner = HotPlug::open_with(Box::new(finder), FakeClock(Rc::clone(&world))).unwrap();
+        let is_deaf = Rc::new(Cell::new(false));
         let link = Delayed {
             inner,
             delay_us,
             under_way: VecDeque::new(),
+            is_deaf: Rc::clone(&is_deaf),
         };
         let session = Session::open(Box::new(link), Configuration::DEFAULT).unwrap();
         Self {
             begun_us: world.now_us(),
             control: ControlLoop::new(session),
             world,
+            is_deaf,
             mode: None,
         }
     }
@@ -203,6 +212,18 @@ fn a_restart_that_is_not_known_yet_is_given_no_hold() {
         };
         assert_eq!(host.mode(), expected, "{hold_after} frames after the restart");
     }
+}
+
+/// A person may always open: also when nothing comes back from the board, as over a UART of which one wire is broken.
+#[test]
+fn a_release_is_said_over_a_link_that_hears_nothing_from_the_board() {
+    let mut host = Host::holding();
+    host.is_deaf.set(true);
+    host.frames(60);
+    assert!(!host.control.session.is_sound());
+    host.mode = Some(GripMode::Released);
+    host.frames(20);
+    assert_eq!(host.mode(), GripMode::Released);
 }
 
 #[test]
