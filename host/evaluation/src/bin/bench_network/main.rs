@@ -202,10 +202,10 @@ fn unet(weights: &UnetWeights, sets: &[InstructionSet]) -> Result<(ForceMap, Vec
         let mut network = UnetNetwork::from_weights(weights)?
             .with_instructions(set)?
             .with_evaluation(Evaluation::Dense);
-        network.set_rest(rest);
+        network.set_rest(&rest);
         network.infer(&now, &mut ours);
         contestants.push(Contestant::new(&set.to_string(), move || {
-            network.infer(black_box(now), black_box(&mut NO_FORCES.clone()));
+            network.infer(black_box(&now), black_box(&mut NO_FORCES.clone()));
         }));
     }
     Ok((ours, contestants))
