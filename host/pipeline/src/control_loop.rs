@@ -361,7 +361,7 @@ impl ControlLoop {
 
     /// Requests the mode repeatedly until a status shows it; `None` withdraws the previous request. A device that may have
     /// restarted gets no hold before it has answered the handshake: else a restarted one could close by itself. A release is said
-    /// whatever is heard: a restarted one is open.
+    /// whatever is heard: a restarted one refuses it until then.
     ///
     /// # Errors
     /// [`PipelineError`] when the link is gone.
