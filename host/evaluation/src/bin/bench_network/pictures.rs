@@ -33,6 +33,7 @@ seconds = 0.1
 press_n = 3.0
 at_mm = [0.9, 0.0]
 ";
+/// Pictures a second: one at the end of each step.
 const RATE_HZ: f64 = 10.0;
 
 /// What a picture shows.
@@ -46,7 +47,7 @@ pub(crate) enum Shown {
     DraggedOn,
 }
 
-/// The camera's crop.
+/// The camera's crop, [`CROP_SIDE`] by [`CROP_SIDE`] gray levels, row-major. The first call solves the scene.
 pub(crate) fn picture(shown: Shown) -> &'static [u8] {
     static PICTURES: OnceLock<[Vec<u8>; 3]> = OnceLock::new();
     let pictures = PICTURES.get_or_init(|| rendered().expect("the scene above is one that the world solves"));
